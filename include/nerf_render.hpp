@@ -50,15 +50,16 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether a view may refer to the elements of an argument of type C &&. True for an lvalue and for a view, whose
-/// elements stay mutable in a const view. False for a temporary container, whose elements would be freed.
+/// Whether a view may refer to the elements of an argument of type C &&. True for an lvalue and for a view; a view is
+/// recognised by elements that stay mutable if the view is const. False for a temporary container, whose elements would
+/// be freed.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
 /// Base class that distinguishes strided views from containers.
 struct strided_view {};
 
-/// Casts the address of a structure of floats to a pointer to floats, which the C library reads and writes by copying.
+/// Casts the address of a structure of floats to a pointer to the first float.
 template <class T>
 T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) noexcept {
     return static_cast<T *>(first);
@@ -114,8 +115,8 @@ private:
 /// A view of `each` floats per ray or point, contiguous or strided, in memory that the view does not own. T: float or
 /// const float.
 ///
-/// Made from a container of floats, or of trivially copyable structures of `each` floats (a host's own vector).
-/// nerf::member makes a view of one field of larger structures.
+/// Converts from a container whose elements are floats, or trivially copyable structures of `each` floats, such as a
+/// host's type for 3D vectors. nerf::member makes a view of one field of larger structures.
 template <class T, std::size_t each>
 class strided : detail::strided_view {
 public:
@@ -163,7 +164,8 @@ using triples = strided<T, 3>;
 template <class T>
 using numbers = strided<T, 1>;
 
-/// A view of one field of the structures in a container: `nerf::member(rays, &my_ray::origin)`.
+/// A view of one field of the structures in a container: `nerf::member(rays, &my_ray::origin)`. The field is one or
+/// more floats.
 template <class C, class S, class F>
 auto member(C &&container, F S::*field) noexcept {
     using element = detail::element<C>;
@@ -204,7 +206,7 @@ public:
     result(const nerf::error &error = {}) noexcept : error_(error) {}
 
     explicit operator bool() const noexcept { return error_.status == NERF_STATUS_OK; }
-    /// The error; NERF_STATUS_OK after a success.
+    /// The error; its status is NERF_STATUS_OK after a success.
     const nerf::error &error() const noexcept { return error_; }
     nerf_status status() const noexcept { return error_.status; }
 
@@ -285,8 +287,8 @@ struct moved {
     }
 };
 
-/// Deleter of a std::unique_ptr: calls `end`. By default `end` does nothing, since the memory is lent: a program that
-/// only lends memory links no heap.
+/// Deleter of a std::unique_ptr: calls `end`. By default `end` does nothing: lent memory is not freed. A program that
+/// only lends memory therefore links no heap.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -298,8 +300,8 @@ struct ending {
 /// Type of a callback argument that was left out: no progress callback, or the library's own clock.
 struct none {};
 
-/// A nerf_progress that calls a C++ callable; noexcept, since C has no exceptions. `user`: pointer to the callable's
-/// address.
+/// A nerf_progress that calls a C++ callable; noexcept, since C has no exceptions. `user`: address of a pointer to the
+/// callable.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -342,7 +344,7 @@ public:
         }
         return memory(data, needed.size, {free, needed.align});
     }
-    /// Allocates memory of the layout in `needed`, or returns the error in `needed`.
+    /// Allocates memory of the layout that `needed` contains. If `needed` contains an error, returns this error.
     static result<memory> allocate(const result<layout> &needed) noexcept {
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
@@ -396,8 +398,8 @@ inline float to_float(float number) noexcept { return number; }
 template <class N>
 float to_float(N number) noexcept { return static_cast<float>(number); }
 
-/// Converts a host's vector by its fields x, y, z. A vector without these fields converts by its elements 0, 1, 2, in
-/// the overload for long: the second argument is 0, which prefers int.
+/// Converts a host's vector by its fields x, y, z. A vector without these fields is converted by the overload below, by
+/// its elements 0, 1, 2. Callers pass 0 as second argument, for which int is the better match.
 template <class V>
 auto to_vec3(const V &of, int) noexcept -> decltype(of.x + of.z, vec3()) {
     return {to_float(of.x), to_float(of.y), to_float(of.z)};
@@ -536,8 +538,8 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// A plane that receives one output or contains limits. The plane is a view of the pixels of the target's whole window,
-/// and knows the view's length. An output without a plane is not computed.
+/// A plane that receives one output or contains limits. The plane is a view, with a length, of all pixels of the
+/// target's window. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -555,8 +557,8 @@ public:
     static plane limit(span<const float> s, strides by = {}) noexcept {
         return {NERF_FORMAT_F32, span<float>(const_cast<float *>(s.data()), s.size()), by};
     }
-    // Plane over one field of contiguous structures. One float is an opacity or a distance, three floats are a colour
-    // (with `normals`, a normal), four floats are RGBA.
+    // Plane over one field of contiguous structures; the field's size gives the format. One float is an opacity or a
+    // distance. Three floats are a colour, or, if `normals` is true, a normal. Four floats are RGBA.
     template <class C, class S, class F>
     static plane member(C &&pixels, F S::*field, bool normals = false) noexcept {
         static_assert(sizeof(F) == 4 || sizeof(F) == 12 || sizeof(F) == 16, "expected one, three or four floats");
@@ -600,7 +602,8 @@ private:
 /// planes of one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Inputs: limits at which each pixel's ray ends, one plane at most; nerf::z_depth converts a depth buffer.
+    /// Inputs: distance at which each pixel's ray ends; at most one plane of the two. nerf::z_depth converts depth
+    /// buffers.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};
@@ -793,7 +796,7 @@ public:
     }
 
     /// Opens a worker of this scene in memory from the heap; each thread needs a worker of its own. `outputs`:
-    /// NERF_OUTPUT_* of the targets to render into, or-ed; for queries NERF_OUTPUT_RGB or 0.
+    /// NERF_OUTPUT_* of the targets to render into, or-ed. For queries: NERF_OUTPUT_RGB, or 0 without colours.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
     /// Opens a worker of this scene in memory that the caller lends or hands over.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
@@ -928,8 +931,8 @@ public:
 
     /// Renders a camera's image, or the rectangle `part` of the image.
     ///
-    /// `progress`: called before the first tile and after each tile, with (pixels done, all pixels) or without
-    /// arguments. Returns whether to continue, or nothing. Must not throw.
+    /// `progress`: called before the first tile and after each tile, with the arguments (pixels done, all pixels) or
+    /// none. Returns a bool, whether to continue, or void. Must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -951,8 +954,8 @@ public:
     /// Renders the host's own rays: pixel i of the planes belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples the point at which a photon on each ray collides with the medium; `of.random`: one random number for
-    /// each ray.
+    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: one random number per
+    /// ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
     /// Renders one ray from `t_min` to `t_max`, with every output of the worker except z_depth. For many rays,
@@ -964,7 +967,7 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples the point at which a photon on one ray collides with the medium. `random`: in [0, 1). Everything else is
+    /// Samples the point on one ray at which a photon collides with the medium. `random`: in [0, 1). Everything else is
     /// as in render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,

@@ -1,6 +1,7 @@
 //! Methods of types that have no values in a build without their feature.
 
-/// Declares, by their signatures, methods that are never called, since `self` cannot exist.
+/// Declares methods of a type without values, from their signatures alone. They are never called, since no `self`
+/// exists.
 macro_rules! absent {
     ($($(#[$about:meta])* $visibility:vis fn $name:ident $(<$V:ident: $Bound:ident>)?(&self $(, $argument:ty)*) -> $result:ty;)+) => {$(
         $(#[$about])*

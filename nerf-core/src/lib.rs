@@ -7,8 +7,8 @@
 //! all cores. Everything else needs neither `std` nor `alloc`, reads fp16 weights directly from the file's bytes, and
 //! does all arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies the memory. A
 //! [`Renderer`] is a scene with unpacked weights and decoded tables. A [`Plan`] holds the settings of a frame. A
-//! [`Worker`] holds a renderer, a plan and memory for any number of calls. On microcontrollers nothing panics from blob
-//! to pixel in a build without debug assertions; `examples/firmware` lets the linker prove it.
+//! [`Worker`] holds a renderer, a plan and memory for any number of calls. In a microcontroller's build without debug
+//! assertions, neither opening a file nor rendering can panic; `examples/firmware` lets the linker prove it.
 //!
 //! # The pipeline
 //!
@@ -62,7 +62,7 @@
 //! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, if the scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
-//! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables directly from the blob's bytes |
+//! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables directly from the file's bytes |
 //! | `contraction` | yes | unbounded scenes ([`space::Contraction`]) |
 //! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); brings `median` and `normals` |
 //! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
@@ -128,7 +128,7 @@
 //! let mut file = [0; 256];
 //! let bytes = blob::write(&body, &mut file)?;
 //!
-//! // Open and plan. Weights are read directly from the blob's bytes: no memory is needed.
+//! // Open and plan. Weights are read directly from the file's bytes: no memory is needed.
 //! let blob = Blob::open(bytes)?;
 //! let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut [])?;
 //! let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::SMALLEST)?;

@@ -1,6 +1,6 @@
-//! A macro for enums of choices. Each variant is declared together with its name in options and reports.
+//! A macro for enums of choices. Each variant is declared with the name that command-line options and reports use.
 
-/// Declares an enum of choices, each variant with its name in options and reports.
+/// Declares an enum of choices, each variant with the name that command-line options and reports use.
 macro_rules! names {
     ($(#[$about:meta])* pub enum $choice:ident { $($(#[$doc:meta])* $variant:ident = $name:literal,)+ }) => {
         $(#[$about])*

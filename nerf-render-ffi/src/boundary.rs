@@ -8,15 +8,15 @@ use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use nerf_core::memory::Line;
 
-/// Largest accepted `struct_size`, bytes. A larger value is taken for uninitialised memory.
+/// Largest accepted `struct_size`, bytes. A larger value is an error: the structure is probably uninitialised.
 const MAX_STRUCT_SIZE: usize = 4096;
 
-/// A structure that begins with `size_t struct_size` and may grow at its end.
+/// A structure that begins with `size_t struct_size` and may get more fields at its end in later versions.
 ///
 /// # Safety
 /// The type is `repr(C)`, its first field is `struct_size: usize`, and any bytes are a valid value of the type.
 pub(crate) unsafe trait Versioned: Copy {
-    /// Name that messages give to the argument that points to the structure.
+    /// Name of the argument that points to the structure, as messages show it.
     const NAME: &'static str;
     /// Smallest accepted `struct_size`, bytes: the structure's size in version 2 of the ABI. Later fields are optional.
     const SIZE_V2: usize;
@@ -27,7 +27,7 @@ pub(crate) unsafe trait Versioned: Copy {
 /// 64-bit ones.
 ///
 /// `unsafe`: the caller promises that the structure is `repr(C)`, and that its fields are numbers, pointers and
-/// optional functions, of which any bytes are a valid value.
+/// optional functions. Any bytes are a valid value of such fields.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
         // SAFETY: the macro's caller promises `repr(C)` and valid bytes; the assertion below checks the first field.
@@ -47,8 +47,8 @@ pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
-/// Caller's buffer of `capacity` bytes for a NUL-terminated text, such as an error message; no buffer if `text` is
-/// NULL.
+/// Caller's buffer of `capacity` bytes for a NUL-terminated text, such as an error message. If `text` is NULL, there is
+/// no buffer.
 #[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
@@ -58,7 +58,8 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Returns the address range of the buffer's first byte, which every call writes; an empty range without a buffer.
+    /// Returns the address range of the buffer's first byte; an empty range if there is no buffer. Every call writes
+    /// this byte.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
@@ -89,7 +90,7 @@ pub(crate) struct Cut {
 
 impl Write for Cut {
     fn write_str(&mut self, text: &str) -> fmt::Result {
-        // Nothing more is stored once a part of the text was left out.
+        // Once a part of the text was left out, nothing more is stored.
         let room = if self.kept == self.all { self.room - self.kept } else { 0 };
         let mut cut = room.min(text.len());
         while !text.is_char_boundary(cut) {
@@ -107,7 +108,7 @@ impl Write for Cut {
 
 /// Reason why a call failed: a [`Status`] for programs, and a displayed sentence for people.
 pub(crate) trait Reason: fmt::Display {
-    /// Returns the reason for a panic: a defect of this library.
+    /// Returns the reason of a call that panicked, which is a defect of this library.
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
@@ -156,7 +157,7 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
         return Err(Failure::Null(T::NAME));
     }
     check_aligned(T::NAME, at as usize, align_of::<T>())?;
-    // SAFETY: not NULL, aligned, and `struct_size` comes first (`Versioned`).
+    // SAFETY: `at` is not NULL and is aligned; `struct_size` is the first field (`Versioned`).
     let found = unsafe { at.cast::<usize>().read() };
     if (T::SIZE_V2..=MAX_STRUCT_SIZE).contains(&found) {
         Ok(found)
@@ -169,19 +170,19 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
 /// the first structure's `struct_size`, which is the size of every structure.
 ///
 /// # Safety
-/// `first` is NULL or was read by [`read_versioned`].
+/// `first` is NULL or points to a structure that [`read_versioned`] has read.
 #[inline(never)]
 pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usize) -> Result<Span, Failure> {
     if first.is_null() {
         return Ok(Span::EMPTY);
     }
-    // SAFETY: the first structure was read before, and is aligned and readable.
+    // SAFETY: `read_versioned` has read the first structure, which is hence aligned and readable.
     let size = unsafe { first.read() };
     Span::new(name, first.cast(), size.checked_mul(count).ok_or(Failure::Overflow(name))?)
 }
 
-/// Returns a copy of the caller's structure, which may be of an older or newer header. Fields missing in an older
-/// header become zero. If a field that only a newer header has is not zero, the result is an error.
+/// Returns a copy of the caller's structure, which may be of an older or newer header. Fields that an older header
+/// lacks become zero. A nonzero byte in the fields that only a newer header has is an error.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
@@ -196,8 +197,8 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
     }
     let mut value = MaybeUninit::<T>::zeroed();
     let known = size.min(size_of::<T>());
-    // SAFETY: not NULL and readable for `known` bytes (`size_of_versioned`). Fields that an older caller's structure
-    // lacks stay zero, and any bytes are a value (`Versioned`).
+    // SAFETY: `at` is not NULL, and `known` bytes are readable (`size_of_versioned`). Fields that an older caller's
+    // structure lacks stay zero, and any bytes are a value (`Versioned`).
     unsafe {
         at.cast::<u8>().copy_to_nonoverlapping(value.as_mut_ptr().cast(), known);
         Ok(value.assume_init())
@@ -213,7 +214,7 @@ pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Fail
         // SAFETY: any bytes are a value (`Versioned`).
         return Ok(unsafe { MaybeUninit::zeroed().assume_init() });
     }
-    // SAFETY: required by this function's `# Safety`.
+    // SAFETY: the arguments are valid, as this function's `# Safety` requires.
     unsafe { read_versioned(at) }
 }
 
@@ -222,7 +223,7 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Returns `names[found]`: the core's value for the number `found` of a C enum. An error if there is no such value.
+/// Returns `names[found]`: the value of `nerf-core` for number `found` of a C enum. An error if there is no such value.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -292,7 +293,7 @@ pub(crate) unsafe fn call_for_size(
         check_out("size", size)?;
         check_out("align", align)?;
         let bytes = body()?;
-        // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
+        // SAFETY: the pointers were checked above, and are writable, as this function's `# Safety` requires.
         unsafe {
             size.write(bytes);
             align.write(align_of::<Line>());

@@ -10,12 +10,12 @@ use core::ffi::c_char;
 use glam::Vec3;
 use nerf_core::camera::{self, Intrinsics, Lens, Pose, Projection};
 
-/// Lens model of a `nerf_camera`, which gives the distortion coefficients their meaning.
+/// Lens model of a `nerf_camera`. The model determines what the distortion coefficients mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum LensModel {
-    /// Perspective camera with the distortion of OpenCV. COLMAP calls the model OPENCV if only `k1 k2 p1 p2` are used,
-    /// FULL_OPENCV with all eight coefficients. `k4 k5 k6` are in the denominator of the radial factor.
+    /// Perspective camera with the distortion of OpenCV. COLMAP's model OPENCV has the coefficients `k1 k2 p1 p2`, its
+    /// model FULL_OPENCV all eight. `k4 k5 k6` are in the denominator of the radial factor.
     RadialTangential = 0,
     /// Fisheye, COLMAP's OPENCV_FISHEYE: a ray at angle `t` (radians) to the view axis meets the image at a distance of
     /// `t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.
@@ -96,14 +96,14 @@ impl Camera {
 /// `at` is NULL or points to three floats.
 pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec3, Failure> {
     Span::of(name, at, 3)?;
-    // SAFETY: not NULL, aligned, and readable by this function's `# Safety`.
+    // SAFETY: `at` is not NULL and is aligned; three floats are readable, as this function's `# Safety` requires.
     Ok(Vec3::from_array(unsafe { at.cast::<[f32; 3]>().read() }))
 }
 
 /// Places a camera at `eye`, looking at `target`; the direction `up` points upwards in the image.
 ///
-/// `camera`: the caller sets `struct_size`; only `c2w` is written, on success. `eye`, `target`, `up`: three floats
-/// each, world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
+/// `camera`: the caller sets `struct_size`; on success only `c2w` is changed. `eye`, `target`, `up`: three floats each,
+/// world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
 /// `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
@@ -133,11 +133,11 @@ pub unsafe extern "C" fn nerf_camera_look_at(
 /// Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
 ///
 /// `x`, `y`: image point, pixels from left and top; pixel (0, 0) has its centre at (0.5, 0.5). The point may lie
-/// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the
-/// point, or if the distorted image folds over itself between principal point and image point. `origin`, `dir`: three
-/// floats each, world space; `dir` has unit length and takes account of the distortion. `z_per_distance`: NULL, or
-/// receives the ratio of `z_depth` to `ray_distance` on this ray. Results are written on success only. `message`: NULL,
-/// or a buffer for an error message.
+/// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or if the lens distortion cannot be inverted
+/// at the point: it has no inverse there, or the distorted image folds over itself between principal point and image
+/// point. `origin`, `dir`: three floats each, world space; `dir` has unit length and takes account of the distortion.
+/// `z_per_distance`: NULL, or receives the ratio of `z_depth` to `ray_distance` on this ray. Results are written on
+/// success only. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -161,13 +161,13 @@ pub unsafe extern "C" fn nerf_camera_ray(
             check_out("z_per_distance", z_per_distance)?;
         }
         let ray = camera.try_ray(x, y).ok_or(Failure::NoRay { x, y })?;
-        // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
+        // SAFETY: the pointers were checked above, and are writable, as this function's `# Safety` requires.
         unsafe {
             origin.cast::<[f32; 3]>().write(ray.origin.to_array());
             dir.cast::<[f32; 3]>().write(ray.dir.to_array());
         }
         if !z_per_distance.is_null() {
-            // SAFETY: `z_per_distance` was checked above, and is writable by this function's `# Safety`.
+            // SAFETY: `z_per_distance` was checked above, and is writable, as this function's `# Safety` requires.
             unsafe { z_per_distance.write(camera.z_per_distance(&ray)) };
         }
         Ok(())

@@ -8,11 +8,11 @@ use core::ffi::c_char;
 use core::fmt::Write;
 use nerf_core::render;
 
-/// Writes an English report of a worker's frames: which stages are on, why the other stages are off, and, with
-/// counters, the work of each stage.
+/// Writes an English report of a worker's frames: which stages are on, and why the other stages are off. With
+/// `counters`, also reports the work of each stage.
 ///
-/// The text is for people: its wording may change between versions. With several instances, each instance has a part of
-/// its own.
+/// The text is for people: its wording may change between versions. With several instances, the text has one part for
+/// each instance.
 ///
 /// `counters`: NULL, or the counters that a call of this worker wrote; ignored with several instances. `text`: NULL, or
 /// a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the length of
@@ -62,7 +62,7 @@ pub unsafe extern "C" fn nerf_explain(
                 }
             });
             if !needed.is_null() {
-                // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
+                // SAFETY: the pointers were checked above, and are writable, as this function's `# Safety` requires.
                 unsafe { needed.write(all) };
             }
             Ok(())

@@ -37,7 +37,7 @@ impl Rect {
             return Ok(render::Rect { x: 0, y: 0, width, height });
         }
         check_aligned("frame.rect", at as usize, align_of::<Self>())?;
-        // SAFETY: not NULL, aligned, and readable by this function's `# Safety`.
+        // SAFETY: `at` is not NULL and is aligned; a rectangle is readable, as this function's `# Safety` requires.
         let found = unsafe { at.read() };
         let rect = render::Rect { x: found.x, y: found.y, width: found.width, height: found.height };
         if rect.fits(width, height) {
@@ -60,9 +60,9 @@ pub struct Frame {
     pub rect: *const Rect,
     /// Planes that receive the pixels. A plane must be NULL if `nerf_request` did not ask for its output.
     pub target: *const Target,
-    /// Width in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the width.
+    /// Image width, pixels, if a 2D field is rendered. 0 for a scene: `camera` has the width.
     pub width: u32,
-    /// Height in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the height.
+    /// Image height, pixels, if a 2D field is rendered. 0 for a scene: `camera` has the height.
     pub height: u32,
     /// Callback, called with `user` before the first tile and after each tile of at most 16x16 pixels; may be NULL.
     pub progress: Progress,
@@ -188,7 +188,7 @@ fn render_tiles(
 ) -> Result<render::Counters, Failure> {
     let all = u64::from(rect.width) * u64::from(rect.height);
     let report = |done: u64| {
-        // SAFETY: the caller of `nerf_render` passed the function with this argument.
+        // SAFETY: the caller passed the callback `progress` together with its argument `user`.
         let on = unsafe { progress::call(frame.progress, frame.user, done, all) };
         if on { Ok(()) } else { Err(Failure::Cancelled) }
     };

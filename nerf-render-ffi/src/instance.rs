@@ -17,7 +17,8 @@ use nerf_core::space::Placement;
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Instance {
-    /// `sizeof(nerf_instance)`. In an array, all instances have the same value, which is the array's stride.
+    /// `sizeof(nerf_instance)`. In an array, all instances have the same `struct_size`, which is the array's stride,
+    /// bytes.
     pub struct_size: usize,
     /// Scene that the transform places in the world.
     pub scene: *const Scene,
@@ -31,8 +32,8 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// Reason why an instance is refused; messages show the reason after `instances[i]`. A refused transform has a
-    /// reason of its own, [`Failure::Placement`].
+    /// Reason why an instance is refused. A message consists of `instances[i]` and this reason. For an invalid
+    /// transform, the reason is [`Failure::Placement`] instead.
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";
@@ -60,12 +61,12 @@ impl Instance {
         }
         let expected = found.struct_size;
         let step = index.checked_mul(expected).ok_or(Failure::Overflow("instances"))?;
-        // SAFETY: the instance lies in the array by this function's `# Safety`.
+        // SAFETY: the array has more than `index` instances, as this function's `# Safety` requires.
         let at = unsafe { first.byte_add(step) };
         check_aligned("instances", at as usize, align_of::<Self>())?;
-        // SAFETY: in the array, aligned (checked above), and `struct_size` is the first field.
+        // SAFETY: `at` lies in the array and is aligned (checked above); `struct_size` is the first field.
         let found = unsafe { at.cast::<usize>().read() };
-        // With a larger `struct_size` than the first instance has, the read could go past the end of the array.
+        // If `found` is larger than `expected`, reading `found` bytes could go past the end of the array.
         if found != expected {
             return Err(Failure::Instance { index, problem: Problem::OtherSize { expected, found } });
         }

@@ -11,8 +11,8 @@ use nerf_core::Isa;
 #[repr(u32)]
 pub enum Kernel {
     /// The fastest instruction set of this machine. In a library built with std, the environment variable `NERF_KERNEL`
-    /// can name another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights
-    /// are not f32).
+    /// can name another: "portable", "avx2", "avx512", "simd128" or "neon". The suffix "-f16" or "-bf16" selects
+    /// weights that are not f32.
     Auto = 0,
     /// Portable f32 code without fused multiply-adds; available on every machine.
     Portable = 1,
@@ -20,13 +20,14 @@ pub enum Kernel {
     Avx2 = 2,
     /// x86-64 with AVX-512 F.
     Avx512 = 3,
-    /// WebAssembly SIMD: faster than portable code, with bit-identical results. Only in a library built with `simd128`.
+    /// WebAssembly SIMD: faster than portable code, with bit-identical results. Only in a library built with the target
+    /// feature `simd128`.
     Simd128 = 4,
     /// NEON: available on every 64-bit ARM processor.
     Neon = 5,
 }
 
-/// The core's instruction set for each value of [`Kernel`], by index; `None` where the library chooses.
+/// Instruction set in `nerf-core` for each [`Kernel`] number; `None` for [`Kernel::Auto`]: the library chooses.
 const ISAS: [Option<Isa>; 6] =
     [None, Some(Isa::Portable), Some(Isa::Avx2), Some(Isa::Avx512), Some(Isa::Simd128), Some(Isa::Neon)];
 
@@ -37,7 +38,7 @@ pub enum Storage {
     /// The library chooses f32. A build without vector instructions, such as for microcontrollers, chooses f16 and
     /// reads the weights directly from the scene file's bytes.
     Auto = 0,
-    /// f16, read directly from the scene file's bytes: the weights take no memory in the scene.
+    /// f16, read directly from the scene file's bytes: the weights take no memory besides these bytes.
     F16 = 1,
     /// f32, converted from f16 without rounding when the scene is opened: faster than f16. The tables of a learned grid
     /// are read directly from the scene file's bytes; only the WebAssembly kernel converts f16 tables to f32.
@@ -46,7 +47,7 @@ pub enum Storage {
     Bf16 = 3,
 }
 
-/// The core's storage for each value of [`Storage`], by index; `None` where the library chooses.
+/// Storage in `nerf-core` for each [`Storage`] number; `None` for [`Storage::Auto`]: the library chooses.
 const STORAGES: [Option<nerf_core::Storage>; 4] =
     [None, Some(nerf_core::Storage::F16), Some(nerf_core::Storage::F32), Some(nerf_core::Storage::Bf16)];
 
@@ -55,7 +56,7 @@ pub(crate) fn numbers_of(kernel: nerf_core::Kernel) -> (u32, u32) {
     (number_of(&ISAS, kernel.isa), number_of(&STORAGES, kernel.storage))
 }
 
-/// Options for opening a scene; NULL means all zeros.
+/// Options for opening a scene. A NULL pointer to options means options of all zeros.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct OpenOptions {
@@ -71,7 +72,8 @@ pub struct OpenOptions {
 
 versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 
-/// Returns the instruction set and storage that the options ask for; an error if this machine lacks one of the two.
+/// Returns the instruction set and storage that the options ask for; an error if this machine does not support one of
+/// these.
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.

@@ -30,7 +30,7 @@ const _: () = assert!(MAX_FRONT == 16);
 
 versioned!(unsafe Pace, "pace", by_width(68, 72));
 
-/// Clock of the caller: returns microseconds since any fixed moment, never decreasing.
+/// Clock of the caller: returns the time in microseconds since any fixed moment. The time never decreases.
 pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
 
 /// Request to measure the time per frame of a scene.

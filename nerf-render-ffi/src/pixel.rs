@@ -74,13 +74,14 @@ pub(crate) enum Channel {
     /// Density at a point of `nerf_query`.
     Density,
     PointColour,
-    /// Input, like `LimitZDepth`: the distance along a ray at which the ray ends.
+    /// Input: distance along each ray at which the ray ends.
     LimitRayDistance,
     LimitZDepth,
 }
 
 impl Channel {
-    /// Returns the plane's name for messages, and the `NERF_OUTPUT_*` flag that the plane needs, or 0 if it needs none.
+    /// Returns the plane's name for messages, and the `NERF_OUTPUT_*` flag that requests the plane; 0 if it needs no
+    /// flag.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
@@ -96,7 +97,7 @@ impl Channel {
         }
     }
 
-    /// Returns the plane's name for messages.
+    /// Returns the plane's name for messages, such as `target.rgb`.
     pub fn name(self) -> &'static str {
         self.about().0
     }
@@ -106,7 +107,7 @@ impl Channel {
         self.about().1 & !outputs == 0
     }
 
-    /// Returns the names of the formats that suit this channel, for messages.
+    /// Returns a text for messages: the names of the formats that a plane of this channel may have.
     pub fn formats(self) -> &'static str {
         match self {
             Self::Colour => "NERF_FORMAT_RGB_U8, RGB_F32, RGBA_U8 or RGBA_F32",

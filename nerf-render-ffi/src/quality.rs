@@ -40,15 +40,16 @@ pub struct Choice {
     pub cost: f32,
     /// Expected milliseconds per frame; NaN unless the settings were chosen by time.
     pub milliseconds: f32,
-    /// 1 if the settings meet the limit of loss, cost or time. 0 if no point of the Pareto front does: the nearest was
-    /// chosen.
+    /// 1 if the settings meet the limit of loss, cost or time. 0 if no point of the Pareto front meets the limit; the
+    /// point nearest to the limit was chosen then.
     pub within: u32,
 }
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Writes the settings that `choose` returns to `options`, and their loss, cost and milliseconds per frame to `choice`
-/// unless `choice` is NULL. Returns an error if `choose` returns `None`: the scene has no usable Pareto front.
+/// Writes the settings that `choose` returns to `options`, and, unless `choice` is NULL, their loss, cost and
+/// milliseconds per frame to `choice`. Returns an error if `choose` returns `None`: the scene has no usable Pareto
+/// front.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the calling functions describe.
@@ -86,7 +87,7 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
 ///
 /// `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
 /// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
-/// front loses more, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
+/// front loses more PSNR, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
 /// scene has no Pareto front, or if this build can render none of its points; nothing is written then. A point's
 /// transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: NULL, or a buffer for an error
 /// message.
@@ -116,7 +117,7 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described there; `scene` is intact.
+/// Pointers are NULL or point to what `nerf_quality_within_loss` describes; `scene` is intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_within_cost(
     scene: *const Scene,
@@ -141,7 +142,7 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described there, `pace` to a `nerf_pace`; `scene` is intact.
+/// Pointers are NULL or point to what `nerf_quality_within_loss` describes, `pace` to a `nerf_pace`; `scene` is intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_within_time(
     scene: *const Scene,
@@ -169,7 +170,7 @@ pub unsafe extern "C" fn nerf_quality_within_time(
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described there; `scene` is intact.
+/// Pointers are NULL or point to what `nerf_quality_within_loss` describes; `scene` is intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_point(
     scene: *const Scene,
@@ -193,7 +194,7 @@ pub unsafe extern "C" fn nerf_quality_point(
     })
 }
 
-/// Writes to `options` the cheapest settings that lose no more PSNR than a `nerf_preset` allows.
+/// Writes to `options` the cheapest settings that lose no more PSNR than `preset`, a `nerf_preset`, allows.
 ///
 /// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
 /// Pareto front gets fixed settings, with an unknown loss: `NERF_PRESET_EXACT` is the exact rendering, and

@@ -22,12 +22,13 @@ const CHUNK: usize = 64;
 pub struct Points {
     /// `sizeof(nerf_points)`.
     pub struct_size: usize,
-    /// Number of points.
+    /// Number of points; every array and plane below has one element per point.
     pub count: usize,
-    /// Position of each point: x, y, z, world space. Density is 0 and colour is black in cells that the occupancy grid
-    /// marks as empty and, unless the scene is unbounded, outside the scene box.
+    /// Position of each point: x, y, z, world space. Density is 0 and colour is black in empty cells of the occupancy
+    /// grid. The same holds outside the scene box, unless the scene is unbounded.
     pub positions: Floats,
-    /// Direction from the camera to each point, unit length (squared length 1 within 1e-3); not read if `rgb` is NULL.
+    /// Direction from the camera to each point, of unit length (squared length within 1e-3 of 1). Not read if
+    /// `rgb.data` is NULL.
     pub dirs: Floats,
     /// Receives the density of each point, per world unit, as `NERF_FORMAT_F32`: one row of `count` pixels;
     /// `row_stride` is ignored.
@@ -42,9 +43,9 @@ versioned!(unsafe Points, "points", by_width(64, 112));
 /// Evaluates density and colour at points seen along directions.
 ///
 /// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only its options for occupancy grid, maths and tone
-/// affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION`, and
-/// nothing is written, if a direction is not of unit length. `counters`: NULL, or receives counts of the work on
-/// success. `message`: NULL, or a buffer for an error message.
+/// affect the results. `sigma` and `rgb` must not overlap other memory of the call. If a direction is not of unit
+/// length, the call returns `NERF_STATUS_DIRECTION` and writes no results. `counters`: NULL, or receives counts of the
+/// work on success. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -66,7 +67,7 @@ pub unsafe extern "C" fn nerf_query(
         let read = [("points.positions", of_positions), ("points.dirs", of_dirs)];
         // SAFETY: the planes are valid, as this function's `# Safety` requires.
         let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
-        // SAFETY: `check` found every direction in the array, and the caller vouches for the array's memory.
+        // SAFETY: `check` verified that the array holds `n` directions; the caller vouches for the array's memory.
         let dir_at = |i: usize| unsafe { dirs.at::<3>(i) };
         // All directions are checked before the first result is written; the error has the direction's index in the
         // array.
@@ -80,7 +81,8 @@ pub unsafe extern "C" fn nerf_query(
             let (mut p, mut d) = ([[0.0; 3]; CHUNK], [[0.0, 0.0, -1.0]; CHUNK]);
             let (mut s, mut c) = ([0.0; CHUNK], [[0.0; 3]; CHUNK]);
             for i in 0..count {
-                // SAFETY: `check` found every position in the array, and the caller vouches for the array's memory.
+                // SAFETY: `check` verified that the array holds `n` positions; the caller vouches for the array's
+                // memory.
                 p[i] = unsafe { positions.at(start + i) };
                 if colour {
                     d[i] = dir_at(start + i);

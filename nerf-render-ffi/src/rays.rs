@@ -75,7 +75,7 @@ impl Numbers {
 pub struct Rays {
     /// `sizeof(nerf_rays)`.
     pub struct_size: usize,
-    /// Number of rays.
+    /// Number of rays; every array below has one element per ray.
     pub count: usize,
     /// Origin of each ray: x, y, z, world space.
     pub origins: Floats,
@@ -94,10 +94,10 @@ pub struct Rays {
     /// float can produce, is replaced by the largest float below 1.
     pub random: Floats,
     /// Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
-    /// of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
+    /// of the ray through (cx, cy). May be NULL if the target has no plane `z_depth`.
     pub axis: *const f32,
     /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. Rays and results may be fields of
-    /// the same structures. Planes of limits must be NULL: each ray has its own `t_max`.
+    /// the same structures. The target's planes of limits must be NULL, since `t_max` limits each ray.
     pub target: *const Target,
 }
 
@@ -105,15 +105,16 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
-/// A ray may begin outside, inside or behind the scene. A ray without a surface gets the distance `far`, at most
-/// `t_max`: no point of the scene is farther from the ray's origin. Without jitter, the rays of a camera's pixels give
-/// the camera's image, bit for bit. For shadow rays, render opacity alone: the opacity is bit-identical with and
-/// without other planes, and the work is less.
+/// A ray may begin outside, inside or behind the scene. If a ray meets no surface, its distances are the smaller of
+/// two: `t_max`, and a distance from the ray's origin beyond which no visible point of the scene lies. Without jitter,
+/// the rays of a camera's pixels give the camera's image, bit for bit. For shadow rays, render opacity alone, which is
+/// less work. Other planes do not change the opacity.
 ///
 /// All rays are checked before the first result is written. `NERF_STATUS_RAY` if `random` is not NULL, or if a ray has
-/// an origin that is not finite, a direction that is not of unit length, or a `t_min` below 0 or above `t_max`; the
-/// message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which belong to cameras.
-/// `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
+/// an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0 or
+/// above `t_max`; the message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which
+/// belong to cameras. `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an
+/// error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
@@ -139,12 +140,13 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// planes). Cuts in the options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in
 /// `nerf_render_rays`.
 ///
-/// If a ray is sampled often, with uniform random numbers, means converge to the results of `nerf_render_rays` without
-/// cuts: opacity and colour over all samples, distance and normal over the collisions. Exception: with deferred shading
-/// the mean colour differs, since the colour branch is evaluated for the collision's sample alone.
+/// If a ray is sampled often, with uniform random numbers, the means converge to the results of `nerf_render_rays`
+/// without cuts. Opacity and colour are averaged over all results, distance and normal over the results with a
+/// collision. With deferred shading, however, the mean colour differs: the colour branch is evaluated for the
+/// collision's sample alone.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
+/// Pointers are NULL or point to what `nerf_render_rays` describes; `worker` and its scenes are intact.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_sample_rays(
     worker: *mut Worker,
@@ -190,13 +192,13 @@ impl Arrays {
         Ok(Self { origins, dirs, t_min, t_max, random, read })
     }
 
-    /// Returns ray `i` with its `t_min` and `t_max`. Without an array, `t_min` is 0 and `t_max` is infinity.
+    /// Returns ray `i` with its `t_min` and `t_max`. If their array is NULL, `t_min` is 0 and `t_max` is infinity.
     ///
     /// # Safety
     /// As for [`Numbers::at`].
     #[inline]
     unsafe fn ray(&self, i: usize) -> RaySegment {
-        // SAFETY: required by this function's `# Safety`.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         unsafe {
             RaySegment {
                 ray: Ray { origin: self.origins.at::<3>(i).into(), dir: self.dirs.at::<3>(i).into() },
@@ -234,9 +236,9 @@ unsafe fn trace(
         if canvas.has(Channel::ZDepth) && axis.is_none() {
             return Err(Failure::Null("rays.axis"));
         }
-        // SAFETY: `Arrays::of` found every ray in the arrays, and the caller vouches for their memory.
+        // SAFETY: `Arrays::of` verified that the arrays hold every ray; the caller vouches for their memory.
         let ray = |i: usize| unsafe { arrays.ray(i) };
-        // SAFETY: `Arrays::of` found every number in the array, and the caller vouches for the array's memory.
+        // SAFETY: `Arrays::of` verified that the array holds every number; the caller vouches for its memory.
         let number = |i: usize| arrays.random.map_or(0.0, |random| unsafe { random.at::<1>(i)[0] });
         let fields = worker.fields()?;
         let mut put = |i: usize, pixel: &Pixel| canvas.put(i, pixel);
@@ -246,6 +248,6 @@ unsafe fn trace(
             fields.render_rays_with(rays.count, &ray, axis, &mut put)?
         })
     };
-    // SAFETY: required by this function's `# Safety`.
+    // SAFETY: the arguments are valid, as this function's `# Safety` requires.
     unsafe { with_worker_and(worker, rays, counters, draw) }
 }

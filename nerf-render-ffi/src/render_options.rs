@@ -36,7 +36,7 @@ pub enum Maths {
     Recurrence = 3,
 }
 
-/// The core's maths backend for each value of [`Maths`], by index; `None` for a backend that this build lacks.
+/// Maths backend in `nerf-core` for each [`Maths`] number; `None` for a backend that this build lacks.
 const MATHS: [Option<MathBackend>; 4] = [
     Some(MathBackend::Polynomial),
     #[cfg(feature = "libm")]
@@ -60,37 +60,38 @@ const MATHS: [Option<MathBackend>; 4] = [
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
-    /// Number of samples per ray, at most 4096; 0 for the scene's own number. The samples are counted between near and
-    /// far, or, if `step` of `nerf_scene_info` is not 0, along the diagonal of the scene box. With a proposal network,
-    /// the number of samples drawn from the proposal's distribution; evaluations of the proposal network are not
-    /// included.
+    /// Number of samples per ray, at most 4096; 0 for the scene's own number. If `step` of `nerf_scene_info` is 0, this
+    /// number of samples lies between near and far; otherwise, along the diagonal of the scene box. With a proposal
+    /// network, this number of samples is drawn from the proposal's distribution; evaluations of the proposal network
+    /// are not counted.
     pub samples: u32,
     /// Transmittance threshold, less than 1: once a ray's transmittance is below the threshold, the ray ends, and its
     /// opacity becomes 1. 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
     pub transmittance_cut: f32,
-    /// 1: samples in empty cells of the occupancy grid are evaluated, too. Otherwise 0.
+    /// 1: samples in empty cells of the occupancy grid are evaluated, too. 0: these samples are skipped.
     pub ignore_occupancy: u32,
     /// Implementation of the elementary functions: a `nerf_maths`.
     pub maths: u32,
-    /// 1: `background` replaces the scene's background. Otherwise 0.
+    /// 1: `background` replaces the scene's background. 0: the scene's background is used.
     pub background_set: u32,
     /// Background colour, display-encoded, in `[0, 1]`; read only if `background_set` is 1.
     pub background: [f32; 3],
-    /// Number of rays in a batch, at most 256. A tile has at most as many pixels. 0 for a number that keeps vector
+    /// Number of rays in a batch, at most 256. A tile has at most this number of pixels. 0: a number that keeps vector
     /// units busy. Affects memory and time, never the image.
     pub batch_rays: u32,
-    /// Number of samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy.
-    /// Only the portable kernel with f16 weights uses fewer than 64.
+    /// Number of samples that the network evaluates together, at most 64; 0: a number that keeps vector units busy.
+    /// Used only by the portable kernel with f16 weights; all other kernels evaluate 64 samples together.
     pub batch_samples: u32,
     /// Weight threshold, less than 1. The weights of successive samples on a ray are summed until the sum exceeds the
     /// threshold. Only then is a colour evaluated: the last sample's, with the whole sum as its weight. 0 for
     /// `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
     pub colour_cut: f32,
-    /// Width of the Gaussian blur of the density, whose gradient gives the normals, in sample intervals. The standard
-    /// deviation is width / sqrt(12). 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: the gradient is then
-    /// mostly noise finer than a sample interval.
+    /// Width of a Gaussian blur, in sample intervals; the standard deviation is width / sqrt(12). Normals are computed
+    /// from the gradient of the blurred density. 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are
+    /// then mostly noise.
     pub normal_blur: f32,
-    /// 1: samples are uniform even if the scene has a proposal network. Otherwise 0.
+    /// 1: samples are uniform even if the scene has a proposal network. 0: the proposal network, if any, places
+    /// samples.
     pub ignore_proposal: u32,
     /// Distance along a ray at which visibility begins, world units, at least 0.
     pub near_distance: f32,

@@ -41,7 +41,8 @@ impl Scene {
             return Err(Failure::Null("scene"));
         }
         check_aligned("scene", scene as usize, align_of::<Self>())?;
-        // SAFETY: not NULL, aligned, and a scene by this function's contract; scenes are never written to.
+        // SAFETY: `scene` is not NULL, is aligned, and is valid, as this function's `# Safety` requires. Scenes are
+        // never written to.
         Ok(unsafe { &*scene })
     }
 
@@ -67,7 +68,8 @@ pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
 unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a>, Failure> {
     Span::of("blob", blob.cast::<u8>(), blob_size)?;
-    // SAFETY: not NULL, no longer than a slice may be, and readable by this function's `# Safety`.
+    // SAFETY: `blob` is not NULL, is no longer than a slice may be, and is readable, as this function's `# Safety`
+    // requires.
     let bytes = unsafe { core::slice::from_raw_parts(blob.cast::<u8>(), blob_size) };
     Ok(Blob::open_undecoded(bytes)?)
 }
@@ -135,9 +137,9 @@ pub unsafe extern "C" fn nerf_scene_open(
             written.check_apart(name, memory_span, "the scene's memory")?;
         }
         let bytes = core::ptr::slice_from_raw_parts(blob.cast::<u8>(), blob_size);
-        // SAFETY: not NULL, aligned, no longer than a slice may be, and lent by this function's `# Safety`.
+        // SAFETY: neither pointer is NULL, and `memory` is aligned (checked above). The caller lends both regions.
         let handle = unsafe { open_in(bytes, memory, memory_size, kernel)? };
-        // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
+        // SAFETY: the pointers were checked above, and are writable, as this function's `# Safety` requires.
         unsafe { scene.write(handle) };
         Ok(())
     })
@@ -167,7 +169,7 @@ pub(crate) unsafe fn open_in(
         return Err(Failure::Memory { name: "memory", expected, found: memory_size });
     }
     let (own, memory) = (lines_for::<Scene>(1), memory.cast::<Line>());
-    // SAFETY: aligned, `lines` long, apart from `blob` and lent; a line holds any bytes.
+    // SAFETY: `memory` is aligned, has `lines` lines, does not overlap `blob`, and is lent; any bytes are valid lines.
     let prepared = unsafe { core::slice::from_raw_parts_mut(memory.add(own), lines - own) };
     let renderer = Renderer::new(blob, kernel, prepared)?;
     let handle = memory.cast::<Scene>();

@@ -37,9 +37,9 @@ impl Owned {
     /// Frees the file's bytes and the scene.
     ///
     /// # Safety
-    /// `blob` and `memory` are not used any more.
+    /// Nothing uses `blob` and `memory` any more.
     unsafe fn free(self) {
-        // SAFETY: both come from boxes (`new`), and are freed once: `self` is not `Copy`.
+        // SAFETY: both pointers come from boxes (`new`). The boxes are freed only once, since `self` is not `Copy`.
         drop(unsafe { (Box::from_raw(self.blob.as_ptr()), Box::from_raw(self.memory.as_ptr())) });
     }
 }
@@ -121,7 +121,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
         if path.is_null() {
             return Err(unnamed(Failure::Null("path")));
         }
-        // SAFETY: not NULL, and NUL-terminated by this function's `# Safety`.
+        // SAFETY: `path` is not NULL, and is NUL-terminated, as this function's `# Safety` requires.
         let path = unsafe { CStr::from_ptr(path) };
         let named = |cause| FileFailure { path, cause };
         let blob = read(path).map_err(named)?;
@@ -136,14 +136,14 @@ pub unsafe extern "C" fn nerf_scene_open_file(
         let opened = unsafe { open_in(owned.blob.as_ptr(), memory, size, kernel) };
         match opened {
             Ok(handle) => {
-                // SAFETY: just written by `open_in`, and not yet handed out.
+                // SAFETY: `open_in` has just written the scene, and no one else has its handle yet.
                 unsafe { (*handle).owned = Some(owned) };
-                // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
+                // SAFETY: the pointers were checked above, and are writable, as this function's `# Safety` requires.
                 unsafe { scene.write(handle) };
                 Ok(())
             }
             Err(failure) => {
-                // SAFETY: no scene was opened that uses the memory.
+                // SAFETY: opening failed, so no scene uses the memory.
                 unsafe { owned.free() };
                 Err(named(Cause::Scene(failure)))
             }
@@ -162,7 +162,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     call(Message::NONE, || {
         if !scene.is_null() {
             check_aligned("scene", scene as usize, align_of::<Scene>())?;
-            // SAFETY: an intact scene by this function's contract, and not used elsewhere any more.
+            // SAFETY: `scene` is intact, and not used elsewhere any more, as this function's `# Safety` requires.
             let owned = unsafe { (*scene.cast_mut()).owned.take() };
             if let Some(owned) = owned {
                 // SAFETY: the scene, which borrows the file's bytes and the memory, is not used any more.
@@ -173,8 +173,8 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Returns the bytes of a scene file. Returns an error if the header is invalid, or states another length than the file
-/// has.
+/// Returns the bytes of a scene file. Returns an error if the header is invalid, or if the length in the header is not
+/// the file's length.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.
@@ -218,7 +218,7 @@ fn as_path(path: &CStr) -> Result<&str, Cause> {
     path.to_str().map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error).into())
 }
 
-/// Returns `count` copies of `value`; an error with their size in bytes if there is not enough memory.
+/// Returns `count` copies of `value`. If there is not enough memory, the error contains the size of all copies, bytes.
 fn filled<T: Clone>(count: usize, value: T) -> Result<Vec<T>, Cause> {
     let mut values = Vec::new();
     let bytes = count.saturating_mul(size_of::<T>());

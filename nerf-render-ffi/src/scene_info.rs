@@ -65,15 +65,15 @@ pub struct SceneInfo {
     pub box_min: [f32; 3],
     /// Corner of the scene box with the largest x, y and z, world units.
     pub box_max: [f32; 3],
-    /// Distance at which the scene begins on the rays of its training cameras, world units. Half way between near and
-    /// far distance is a good camera distance; any other works as well. (The name is not `near`, which is a macro in
-    /// Windows headers.)
+    /// Distance at which the scene begins on the rays of its training cameras, world units. The mean of near and far is
+    /// a good distance from a camera to the middle of the scene box; other distances work, too. (The name is not
+    /// `near`, which is a macro in Windows headers.)
     pub near_distance: f32,
     /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
-    /// The scene's own number of samples per ray, counted between near and far, or, if `step` is not 0, along the
-    /// diagonal of the scene box. In an unbounded scene, the samples are counted on a ray through the centre of the
-    /// ball of radius `contraction_radius`, from where the ray enters the ball to `far_distance` behind the centre.
+    /// The scene's own number of samples per ray. If `step` is 0, this number of samples lies between near and far;
+    /// otherwise, along the diagonal of the scene box. In an unbounded scene, it lies on a ray through the centre of
+    /// the ball of radius `contraction_radius`, from where the ray enters the ball to `far_distance` behind the centre.
     pub samples: u32,
     /// Background colour, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -95,7 +95,8 @@ pub struct SceneInfo {
     pub colour_widths: [u32; 4],
     /// Mean PSNR over the validation views, dB; NaN if there were none.
     pub psnr_db: f32,
-    /// Loss of PSNR on the validation views from rounding weights and tables for the file, dB; NaN if not measured.
+    /// Loss of PSNR that rounding weights and tables for the file caused, dB, on the validation views; NaN if not
+    /// measured.
     pub quantisation_loss_db: f32,
     /// Number of optimiser steps of the training run.
     pub steps: u32,
@@ -124,16 +125,16 @@ pub struct SceneInfo {
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub proposal_macs: u64,
-    /// Distance between samples in a scene that is marched through its box, world units; 0 if samples lie in equal bins
-    /// between near and far. In an unbounded scene, steps grow outside the ball of `contraction_radius`.
+    /// Distance between samples on a ray through the scene box, world units; 0 if samples lie in equal bins between
+    /// near and far. In an unbounded scene, the distance grows outside the ball of `contraction_radius`.
     pub step: f32,
     /// Storage of the learned grid's tables: a `nerf_table_storage`.
     pub table_storage: u32,
     /// Radius of the ball around the centre of an unbounded scene's box, world units; 0 if the scene ends at its box.
     /// All space outside the ball is contracted into the box, a cube whose side is 4 radii.
     pub contraction_radius: f32,
-    /// Power that sets how steps on a ray grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2,
-    /// or 4 (nearly uniform in the logarithm of the distance); 0 if the scene ends at its box.
+    /// Exponent that determines how the steps on a ray grow outside the ball of `contraction_radius`: 1 (uniform in
+    /// disparity), 2, or 4 (nearly uniform in the logarithm of the distance); 0 if the scene ends at its box.
     pub contraction_power: u32,
     /// Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.
     pub storage: u32,

@@ -3,7 +3,7 @@
 use crate::failure::Failure;
 use core::ffi::c_void;
 
-/// An address range of `length` bytes from `start`, whose end does not overflow.
+/// An address range of `length` bytes from `start`. `start + length` does not overflow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Span {
     start: usize,
@@ -53,11 +53,13 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if the arrays overlap, unless they are interleaved as fields of the same structures.
+    /// Returns an error if the arrays, called `name` and `of` in the message, overlap. Fields of the same structures
+    /// may be interleaved.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
-            // Offset of the elements of `other` within a stride of `self`, without wrapping around the address space.
+            // Bytes from the start of an element of `self` to the next start of an element of `other`, less than a
+            // stride.
             let offset = if other.span.start >= self.span.start {
                 behind % self.stride
             } else {
@@ -135,7 +137,8 @@ impl PlaneBytes {
     /// Whether a pixel of the plane overlaps the `length` bytes that begin at `at`; the plane must not be empty.
     fn has_any(&self, at: usize, length: usize) -> bool {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
-        // Index of the first element that ends after `place`; elements of `size` bytes begin every `stride` bytes.
+        // Index of the first element that ends after offset `place`. Elements of `size` bytes start every `stride`
+        // bytes.
         let behind = |place: usize, stride: usize, size: usize| {
             place
                 .checked_sub(size)

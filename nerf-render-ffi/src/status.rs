@@ -57,7 +57,7 @@ pub enum Status {
     Transform = 23,
     /// Another call uses the worker, or a call with the worker has panicked.
     Busy = 24,
-    /// The bytes do not begin as a scene file does.
+    /// The bytes do not begin with the signature of a scene file.
     BlobMagic = 32,
     /// The scene file ends early.
     BlobTruncated = 33,

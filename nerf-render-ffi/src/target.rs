@@ -30,9 +30,9 @@ pub struct Plane {
 /// The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
 ///
 /// An output plane that is NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
-/// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
-/// Pixels without a surface get the distance `far`: no point of the scene is farther from the camera. `far` is at most
-/// the pixel's limit along its ray, and at most `far_distance` of the options.
+/// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`). A
+/// pixel without a surface gets the distance `far`, beyond which no visible point of the scene lies. `far` is at most
+/// the pixel's limit along its ray and, unless 0, `far_distance` of the options.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
@@ -60,8 +60,8 @@ pub struct Target {
     /// sample interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
     pub limit_ray_distance: Plane,
     /// Input: limits as in `limit_ray_distance`, but measured along the view axis. Only one of the two planes may be
-    /// set. A value `d` of a depth buffer, in normalised device coordinates, gives the limit `p[14] / (d + p[10])`; `p`
-    /// is the column-major perspective matrix of a camera that looks along -Z.
+    /// set. A depth buffer's depth `d`, in normalised device coordinates, corresponds to the limit
+    /// `p[14] / (d + p[10])`; `p` is the column-major perspective matrix of a camera that looks along -Z.
     pub limit_z_depth: Plane,
 }
 
@@ -96,7 +96,7 @@ impl Canvas {
     /// while the canvas is used.
     pub unsafe fn of_image(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
         let extent = (rect.width as usize, rect.height as usize);
-        // SAFETY: required by this function's `# Safety`.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         let mut canvas = unsafe { Self::of_target(at, extent, None, worker)? };
         canvas.origin = [rect.x, rect.y];
         Ok(canvas)
@@ -205,8 +205,8 @@ impl Canvas {
                 for column in 0..tile.width {
                     let pixel = pixels.get((row * tile.width + column) as usize);
                     let (x, y) = (tile.x - left + column, tile.y - top + row);
-                    // SAFETY: the tile lies in the rectangle that `check` was given; the memory is writable by the
-                    // promise of `of_image`.
+                    // SAFETY: the tile lies in the rectangle that `check` was given; `of_image` requires writable
+                    // memory.
                     unsafe {
                         put(surface.at(x as usize, y as usize), surface.format, surface.channel, &pixel)
                     };
@@ -219,8 +219,8 @@ impl Canvas {
     #[inline]
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         for surface in self.surfaces.iter().flatten() {
-            // SAFETY: `i` is below the count that `check` was given; the memory is writable by the promise of
-            // `of_target` or `of_points`.
+            // SAFETY: `i` is below the count that `check` was given; `of_target` and `of_points` require writable
+            // memory.
             unsafe { put(surface.at(i, 0), surface.format, surface.channel, pixel) };
         }
     }
@@ -230,8 +230,7 @@ impl Surface {
     /// Reads from this plane of limits the distance at which the ray of pixel (`x`, `y`) of the rectangle ends.
     #[inline]
     pub fn limit(&self, x: u32, y: u32) -> Limit {
-        // SAFETY: the pixel lies in the rectangle that `check` was given; the memory is readable by the promise of
-        // `of_image`.
+        // SAFETY: the pixel lies in the rectangle that `check` was given; `of_image` requires readable memory.
         let t = unsafe { self.at(x as usize, y as usize).cast::<f32>().read() };
         if self.channel == Channel::LimitZDepth { Limit::ZDepth(t) } else { Limit::RayDistance(t) }
     }
@@ -246,13 +245,14 @@ impl Surface {
     /// The pixel lies in the extent that was checked.
     #[inline]
     unsafe fn at(&self, x: usize, y: usize) -> *mut u8 {
-        // SAFETY: `check` found that the plane's span holds every pixel of the extent.
+        // SAFETY: `check` verified that the plane's span holds every pixel of the extent.
         unsafe { self.data.offset(y as isize * self.row_stride).add(x * self.pixel_stride) }
     }
 }
 
 /// Checks output, format, strides, alignment and extent of a plane. The plane must not overlap a scene, the worker or
-/// `read`, the memory of the input arrays of rays or points. Returns `None` for a plane that is left out.
+/// `read`. `read`: memory of the input arrays of rays or points; `None` for an image. Returns `None` for a plane that
+/// is left out.
 fn check(
     channel: Channel,
     plane: &Plane,
@@ -282,7 +282,7 @@ fn check(
     let row = columns.checked_mul(pixel_stride).and_then(|gap| gap.checked_add(format.size()));
     let row = row.ok_or(overflow)?;
     let tight = pixel_stride.checked_mul(columns + 1).and_then(|bytes| isize::try_from(bytes).ok());
-    // The stride of a single row is ignored.
+    // The row stride of a plane with a single row is ignored.
     let own = if rows == 0 { 0 } else { plane.row_stride };
     let row_stride = if own == 0 { tight.ok_or(overflow)? } else { own };
     if row_stride.unsigned_abs() < row {

@@ -23,7 +23,7 @@ use nerf_core::render::{self, TILE_SIDE};
 #[cfg(feature = "instances")]
 use nerf_core::space::Placement;
 
-/// A request to open a worker. Pointers are read during the call only, except for scenes, which the worker borrows.
+/// A request to open a worker. The library reads the request only during the call. The worker borrows the scenes.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Request {
@@ -58,9 +58,9 @@ pub(crate) struct Member {
 
 /// A worker, which lies at the beginning of the memory that it was opened in, and borrows the scenes.
 ///
-/// A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call is
-/// `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses the
-/// worker's memory or a scene's memory.
+/// A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call
+/// returns `NERF_STATUS_BUSY`, as does every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses
+/// the worker's memory or a scene's memory.
 #[repr(align(64))]
 pub struct Worker {
     /// Set while a call uses `state`. The flag lies outside of the state, since concurrent calls read the flag.
@@ -119,9 +119,9 @@ pub(crate) unsafe fn with_worker(
         return Err(Failure::Null("worker"));
     }
     check_aligned("worker", worker as usize, align_of::<Worker>())?;
-    // SAFETY: not NULL, aligned, and a worker by this function's contract. A running call, of another thread or further
-    // up this stack, may hold a `&mut State`, which stays valid under Stacked and Tree Borrows: flag and state lie in
-    // `UnsafeCell`s, about whose content the shared reference made here claims nothing.
+    // SAFETY: `worker` is not NULL, is aligned, and is valid, as this function's `# Safety` requires. A running call,
+    // of another thread or further up this stack, may hold a `&mut State`, which stays valid under Stacked and Tree
+    // Borrows: flag and state lie in `UnsafeCell`s, about whose content the shared reference made here claims nothing.
     let worker = unsafe { &*worker };
     if worker.take() {
         return Err(Failure::Busy);
@@ -133,8 +133,8 @@ pub(crate) unsafe fn with_worker(
     result
 }
 
-/// Calls `body` with the worker's state and a copy of the caller's structure at `asked`. Writes the counters that
-/// `body` returns to `counters`, unless `counters` is NULL.
+/// Calls `body` with the worker's state and a copy of the caller's structure at `asked`. `body` returns counters.
+/// Unless `counters` is NULL, the returned counters are written there.
 ///
 /// # Safety
 /// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
@@ -145,7 +145,7 @@ pub(crate) unsafe fn with_worker_and<T: Versioned>(
     body: impl FnOnce(&mut State, T) -> Result<render::Counters, Failure>,
 ) -> Result<(), Failure> {
     let count = |state: &mut State| {
-        // SAFETY: required by this function's `# Safety`.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         let (asked, out) = unsafe { (read_versioned(asked)?, Out::new_or_none(counters)?) };
         let work = body(state, asked)?;
         if let Some(out) = out {
@@ -153,7 +153,7 @@ pub(crate) unsafe fn with_worker_and<T: Versioned>(
         }
         Ok(())
     };
-    // SAFETY: required by this function's `# Safety`.
+    // SAFETY: the arguments are valid, as this function's `# Safety` requires.
     unsafe { with_worker(worker, count) }
 }
 
@@ -173,7 +173,7 @@ impl State {
     }
 }
 
-/// Width and height of a frame's tiles, pixels: a tile has at most as many pixels as a batch has rays.
+/// Computes the width and height of a frame's tiles, pixels. A tile has at most as many pixels as a batch has rays.
 pub(crate) fn tile_size(batch: Batch) -> (u32, u32) {
     let side = TILE_SIDE as usize;
     let width = side.min(batch.rays).max(1);
@@ -231,14 +231,14 @@ impl Checked {
         self.request.instance_count.max(1)
     }
 
-    /// Returns the scene of instance `_index`. Without instances, returns the request's only scene.
+    /// Returns the scene of instance `_index`; the request's only scene if the request has no instances.
     ///
     /// # Safety
     /// As in [`Checked::read`]; the scenes stay as they are during `'a`.
     unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
         #[cfg(feature = "instances")]
         if self.placed {
-            // SAFETY: `_index` is below the number of instances; the rest is valid, as this function's `# Safety`
+            // SAFETY: `_index` is below the number of instances; they are valid, as this function's `# Safety`
             // requires.
             let scene = unsafe {
                 Instance::read(self.request.instances, _index).and_then(|instance| Scene::of(instance.scene))
@@ -258,7 +258,7 @@ impl Checked {
         if !self.placed {
             return Ok(Placement::IDENTITY);
         }
-        // SAFETY: `index` is below the number of instances; the rest is valid, as this function's `# Safety` requires.
+        // SAFETY: `index` is below the number of instances; they are valid, as this function's `# Safety` requires.
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
@@ -287,7 +287,7 @@ impl Checked {
     /// # Safety
     /// As for [`Checked::scene`].
     unsafe fn shares(&self) -> Result<Shares, Failure> {
-        // SAFETY: required by this function's `# Safety`.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         let (index, last) = (self.count() - 1, unsafe { self.scene(self.count() - 1)? });
         let batch = self.settings.batch;
         let rest = match self.plan(index, last, 1.0)? {
@@ -295,13 +295,13 @@ impl Checked {
             Some(plan) if self.placed => {
                 // Makes the plan of each instance, so that a request fails here if opening the worker would fail.
                 for index in 0..self.count() {
-                    // SAFETY: required by this function's `# Safety`.
+                    // SAFETY: the arguments are valid, as this function's `# Safety` requires.
                     let scene = unsafe { self.scene(index)? };
-                    // SAFETY: required by this function's `# Safety`.
+                    // SAFETY: the arguments are valid, as this function's `# Safety` requires.
                     let scale = unsafe { self.placement(index)? }.scale();
                     self.plan(index, scene, scale)?;
                 }
-                // SAFETY: required by this function's `# Safety`; each scene was read just now.
+                // SAFETY: the scenes are valid, as this function's `# Safety` requires.
                 let scenes = (0..self.count()).filter_map(|index| unsafe { self.scene(index) }.ok());
                 render::Worker::instances_lines(scenes.map(Scene::renderer), &plan)
             }
@@ -375,7 +375,7 @@ pub unsafe extern "C" fn nerf_worker_open(
             ("request.options", options.cast(), 1),
             ("request.instances", instances.cast(), instance_count),
         ] {
-            // SAFETY: `checked` and `shares` were made by reading each of these structures.
+            // SAFETY: each of these structures was read when `checked` and `shares` were made.
             let read = unsafe { span_of(name, first, count)? };
             read.check_apart(name, span, "the worker's memory")?;
         }
@@ -391,9 +391,9 @@ pub unsafe extern "C" fn nerf_worker_open(
         if memory_size < shares.bytes {
             return Err(Failure::Memory { name: "memory", expected: shares.bytes, found: memory_size });
         }
-        // SAFETY: aligned, as large as it needs to be, apart from the scenes, and lent by this function's `# Safety`.
+        // SAFETY: `memory` is aligned, large enough, and apart from the scenes (checked above); the caller lends it.
         let handle = unsafe { open_in(&checked, &shares, memory.cast(), span)? };
-        // SAFETY: the pointers were checked above, and are writable by this function's `# Safety`.
+        // SAFETY: the pointers were checked above, and are writable, as this function's `# Safety` requires.
         unsafe { worker.write(handle) };
         Ok(())
     })
@@ -412,7 +412,7 @@ impl Lent {
     #[inline]
     unsafe fn lines(&mut self, count: usize) -> &'static mut [Line] {
         let first = self.at;
-        // SAFETY: required by this function's `# Safety`; a line holds any bytes, and none is taken twice.
+        // SAFETY: `count` lines are left and lent (`# Safety`). Any bytes are a valid line; no line is taken twice.
         unsafe {
             self.at = first.add(count);
             core::slice::from_raw_parts_mut(first, count)
@@ -422,7 +422,7 @@ impl Lent {
     /// Makes `count` values, `make(0)`, `make(1)`, …, in the next unused lines and returns them.
     ///
     /// # Safety
-    /// As for [`Lent::lines`], for as many lines as the values take.
+    /// As for [`Lent::lines`]; `count` there is the number of lines that the values take.
     #[inline(always)]
     unsafe fn values<T>(
         &mut self,
@@ -430,7 +430,7 @@ impl Lent {
         mut make: impl FnMut(usize) -> Result<T, Failure>,
     ) -> Result<&'static [T], Failure> {
         const { assert!(align_of::<T>() <= align_of::<Line>()) };
-        // SAFETY: required by this function's `# Safety`.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         let first = unsafe { self.lines(lines_for::<T>(count)) }.as_mut_ptr().cast::<T>();
         for index in 0..count {
             let value = make(index)?;
@@ -456,19 +456,19 @@ unsafe fn open_in(
     // SAFETY: the first `shares.own` lines of the memory are the worker's own.
     let mut lent = Lent { at: unsafe { memory.add(shares.own) } };
     let member = |index| {
-        // SAFETY: required by this function's `# Safety`.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         let scene = unsafe { checked.scene(index)? };
         #[cfg(feature = "instances")]
-        // SAFETY: required by this function's `# Safety`.
+        // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         let scale = unsafe { checked.placement(index)? }.scale();
         #[cfg(not(feature = "instances"))]
         let scale = 1.0;
         Ok(Member { scene, plan: checked.plan(index, scene, scale)? })
     };
-    // SAFETY: the lines are taken in the order and number of `shares`.
+    // SAFETY: `shares` counted these lines, so they lie in the memory.
     let members = unsafe { lent.values(checked.count(), member)? };
     #[cfg(feature = "instances")]
-    // SAFETY: the lines are taken in the order and number of `shares`; there is one member per instance.
+    // SAFETY: `shares` counted these lines, too; there is one member per instance.
     let instances = unsafe {
         lent.values(if checked.placed { members.len() } else { 0 }, |index| {
             let Member { scene, plan } = &members[index];
@@ -477,7 +477,7 @@ unsafe fn open_in(
             Ok(render::Instance { renderer: scene.renderer(), plan, placement })
         })?
     };
-    // SAFETY: the lines are taken in the order and number of `shares`.
+    // SAFETY: `shares` counted these lines, so they lie in the memory.
     let (pixels, lines) = unsafe { (lent.lines(shares.pixels), lent.lines(shares.rest)) };
     let (width, height) = tile_size(checked.settings.batch);
     let pixels = TilePixels::lay_out(&mut Arena::new(pixels), (width * height) as usize, checked.outputs);
@@ -497,7 +497,7 @@ unsafe fn open_in(
         size: shares.bytes,
     };
     let handle = memory.cast::<Worker>();
-    // SAFETY: the first `shares.own` lines fit a worker, are aligned for it, and are in none of the slices above.
+    // SAFETY: a worker fits into the first `shares.own` lines. The lines are aligned, and in none of the slices above.
     unsafe { handle.write(Worker { busy: AtomicBool::new(false), state: UnsafeCell::new(state) }) };
     Ok(handle)
 }

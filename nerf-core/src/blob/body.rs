@@ -1,4 +1,4 @@
-//! The body of a blob as plain data: all that follows the header of a `*.nerf` file.
+//! Plain data of a blob (a `*.nerf` file): everything after the file's header.
 
 use crate::encoding::{GridEncoding, SinusoidalEncoding};
 use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
@@ -17,7 +17,7 @@ pub const MAX_TEXT: usize = 1024;
 /// Maximum number of points of a Pareto front.
 pub const MAX_FRONT: usize = 16;
 
-/// The body of a blob, which follows the header; fields are in the order of the file.
+/// Body of a blob: everything after the header. Fields are in the order of the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Body<'a> {
     /// The network's shape: encodings, layers, activations.
@@ -27,7 +27,7 @@ pub struct Body<'a> {
     /// The occupancy grid, if the scene has one.
     #[serde(borrow)]
     pub occupancy: Option<StoredOccupancy<'a>>,
-    /// The Pareto front of PSNR against multiply-adds, most expensive settings first; empty if none was measured.
+    /// Pareto front of render settings: PSNR against multiply-adds, most expensive first. Empty if not measured.
     pub front: ParetoFront,
     /// A second, cheaper network, if the scene has one. The compositing weights of its samples decide where on the ray
     /// the scene's network is sampled.
@@ -158,23 +158,23 @@ pub struct Viewpoint {
     pub target: [f32; 3],
     /// Upward direction of the photographs; unit length within 1e-3.
     pub up: [f32; 3],
-    /// Angle of an orbit about the axis `up` through `target`, 0 to 2π radians. Half of the orbit lies on each side of
-    /// `eye`. Views from the orbit show photographed parts of the scene.
+    /// Angle over which a camera may orbit and still see photographed parts of the scene, 0 to 2π radians. The orbit's
+    /// axis is the line through `target` along `up`. Half of the angle lies on each side of `eye`.
     pub arc: f32,
 }
 
 /// Where on a ray the scene's network is sampled.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SceneSampling {
-    /// Equal bins from `near` to `far`, as in training, each with a sample at its middle. The value is the number of
-    /// bins, 1 to [`MAX_SAMPLES`]. With a proposal network, the value is the number of samples that the proposal
-    /// places.
+    /// Equal bins from `near` to `far`, each with a sample at its middle. The value is the number of bins, 1 to
+    /// [`MAX_SAMPLES`]. If the scene has a proposal network, the value is instead the number of samples that this
+    /// network places.
     Bins(u16),
     /// Equal steps inside the scene box, from the ray's entry to the ray's exit. The value is the length of a step,
-    /// world units: finite, above 0, and at most [`MAX_SAMPLES`] steps along the box's diagonal.
+    /// world units: finite and above 0. The box's diagonal must have at most [`MAX_SAMPLES`] steps.
     March(f32),
     /// Steps through unbounded space, which [`Contraction`] maps into the scene box. Steps are equal in the inner ball,
-    /// where space is not contracted, and grow outside. Samples begin at `near`. They end at distance `far` behind the
+    /// where space is not contracted, and grow outside. Samples begin at `near`. They end at distance `far` past the
     /// point of the ray that is nearest to the ball's middle.
     Contracted {
         /// Length of a step in the inner ball as a fraction of the ball's radius: above 0 and at most 1. An infinite
@@ -186,9 +186,9 @@ pub enum SceneSampling {
 }
 
 impl SceneFacts {
-    /// Number of samples per ray. With bins: the number of bins in `near..far`. With a march: the number of steps along
-    /// the box's diagonal. In an unbounded scene: the number of steps on a ray through the middle of the inner ball,
-    /// from where the ray enters the ball to distance `far` beyond the middle.
+    /// Number of samples per ray. [`SceneSampling::Bins`]: the number of bins. [`SceneSampling::March`]: the number of
+    /// steps along the box's diagonal. [`SceneSampling::Contracted`]: the number of steps on a ray through the middle
+    /// of the inner ball, from the ray's entry into the ball to distance `far` past the middle.
     pub fn samples(&self) -> u16 {
         match self.sampling {
             SceneSampling::Bins(samples) => samples,
@@ -220,8 +220,8 @@ impl SceneFacts {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Length of a ray through the middle of the inner ball, from where the ray enters the ball to distance `far`
-    /// beyond the middle. The unit is that of `s` in [`Contraction::distance`]. 0 in a bounded scene.
+    /// Length of a ray through the middle of the inner ball, from its entry into the ball to distance `far` past the
+    /// middle. The unit is that of `s` in [`Contraction::distance`]. 0 in a bounded scene.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -252,7 +252,7 @@ pub struct StoredOccupancy<'a> {
 }
 
 impl StoredOccupancy<'_> {
-    /// Size of an occupancy grid of `resolution` cells along x, y, z, bytes; `usize::MAX` on overflow.
+    /// Number of bytes of an occupancy grid with `resolution` cells along x, y, z; `usize::MAX` on overflow.
     pub fn bytes(resolution: [u16; 3]) -> usize {
         let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
         usize::try_from(cells.div_ceil(8)).unwrap_or(usize::MAX)
@@ -272,11 +272,11 @@ pub struct FrontPoint {
     pub samples: u16,
     /// Transmittance below which a ray ends, `[0, 1)`.
     pub transmittance_cut: f32,
-    /// Weight above which a sample's colour is evaluated, `[0, 1)`.
+    /// Compositing weight above which a sample's colour is evaluated, `[0, 1)`.
     pub colour_cut: f32,
     /// Whether empty cells are skipped; true only in a scene with an occupancy grid.
     pub occupancy: bool,
-    /// Tag of the backend of the elementary functions (exp, sin, …):
+    /// Tag of the math backend, which computes exp, sin and other elementary functions:
     /// [`MathBackend::tag`](crate::math::MathBackend::tag).
     pub math: u8,
     /// Whether the proposal network places the samples; true only in a scene with a proposal network.
@@ -312,8 +312,8 @@ pub struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    /// Shape of the proposal network as an [`Architecture`], which always has a colour head. The file holds no
-    /// parameters of this head: [`Proposal::weights`] end after [`Architecture::density_parameters`].
+    /// Shape of the proposal network as an [`Architecture`], which always has a colour head. [`Proposal::weights`]
+    /// holds no parameters of this head, only the first [`Architecture::density_parameters`].
     pub fn architecture(&self) -> Architecture {
         Architecture {
             position: self.position.into(),

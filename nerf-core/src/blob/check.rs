@@ -1,4 +1,4 @@
-//! The rules of the format, checked in one pass over a body after it is read or before it is written.
+//! Checks of a blob's body by the rules of the format, after reading or before writing.
 
 use super::body::{
     Body, Content, FrontPoint, MAX_OCCUPANCY_RESOLUTION, MAX_PICTURE_SIDE, MAX_SAMPLES, MAX_TEXT,
@@ -15,8 +15,8 @@ use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
 
-/// Checks the body by every rule of the format, including the entropy-coded tables, but not for canonical form
-/// (`check_form` in `view.rs`).
+/// Checks the body by all rules of the format except canonical form, for which see `check_form` in `view.rs`. Includes
+/// the entropy-coded tables.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     check_undecoded(body)?;
     check_coded(body)

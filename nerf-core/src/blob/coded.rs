@@ -1,9 +1,9 @@
 //! Entropy coding of int8 tables: rANS with adaptive models, as `docs/blob-format.md` specifies.
 //!
-//! A value is coded as two symbols of 4 bits. The values decoded before select the probability model of the next
-//! symbol, and the model then adapts to that symbol, so that files hold no probabilities. Each step of decoding is
-//! invertible. Decoding therefore ends in the encoder's initial state, with no bytes left, if and only if an encoder
-//! wrote the bytes.
+//! A value is coded as two symbols of 4 bits. Previous values select the probability model of the next symbol. The
+//! model then adapts to that symbol. Files therefore hold no probabilities. Each step of decoding is invertible.
+//! Decoding therefore ends in the encoder's initial state, with no bytes left, if and only if an encoder wrote the
+//! bytes.
 //!
 //! # Source
 //! Duda 2013, "Asymmetric numeral systems", arXiv:1311.2540. Models are updated as in Giesen, "Mixing discrete
@@ -22,17 +22,17 @@ const LEAST: u32 = 1 << 16;
 const OFFSET: u8 = 0x88;
 /// Upper 4 bits of every small value (-8 to 7) after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of classes of context, each with its own probability models. Two decoded values select the class of the next
-/// value: the value just before, and the value of the same feature in the previous table entry. A class is a range of
-/// the sum of their magnitudes.
+/// Number of context classes of the entropy coder. The class of a value follows from the sum of two magnitudes: the
+/// magnitude of the value just before, and that of the same feature in the previous table entry.
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
 /// Number of contexts of the entropy coder, one for each pair of class and feature. A context has one probability model
-/// for the upper 4 bits of a value, and one for the lower 4 bits of a small value.
+/// for the upper 4 bits of a value, and one for the lower 4 bits of a small value (-8 to 7).
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 
-/// An adaptive probability distribution: a symbol's probability is its interval's length, divided by 2^[`BITS`].
+/// An adaptive probability distribution of symbols. Each symbol has an interval within `0..2^BITS`. A symbol's
+/// probability is the length of its interval divided by `2^BITS`.
 #[derive(Clone, Copy, Debug)]
 struct Model {
     /// Beginning of each symbol's interval. An interval ends where the next begins, and the last ends at 2^[`BITS`].
@@ -102,8 +102,8 @@ impl Models {
         Self { models, last: [0; MAX_FEATURES], features, feature: 0 }
     }
 
-    /// Encodes or decodes one value as two symbols. `code` is called with the model of each symbol and returns the
-    /// symbol, to which the model then adapts. Returns the value; `None` if `code` returns `None`.
+    /// Encodes or decodes one value as two symbols. For each symbol, calls `code` with the symbol's model. `code`
+    /// returns the symbol, and the model adapts to it. Returns the value; `None` if `code` returns `None`.
     #[inline(always)]
     fn value(&mut self, mut code: impl FnMut(&Model, Half) -> Option<usize>) -> Option<u8> {
         let magnitude = |value: u8| u32::from(value.cast_signed().unsigned_abs());
@@ -173,7 +173,7 @@ pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8))
 /// Entropy-codes `values`, the signed 8-bit integers of all levels of `grid`, one per byte. Returns the encoded bytes,
 /// which are at the end of `out`.
 ///
-/// `symbols`: working memory, two elements per value. `None` if `symbols`, `out` or `values` is too short.
+/// `symbols`: working memory, two elements per value. Returns `None` if `symbols`, `out` or `values` is too short.
 #[cfg(any(feature = "train", test))]
 pub fn encode_tables<'o>(
     grid: &GridEncoding,

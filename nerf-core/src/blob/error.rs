@@ -107,7 +107,7 @@ errors! {
     Body(section: Section) =>
         "{section}: expected this format's lists, numbers, tags and texts and an end, found others";
     /// The body is not in canonical form: a number takes more bytes than needed, or bytes follow the last section.
-    /// `at`: offset in the body of the first difference from the canonical form.
+    /// `at`: offset of the first difference, bytes from the start of the body.
     Form { at: u64 } => "body: expected canonical postcard, found another form at byte {at}";
     Architecture(error: ArchitectureError) => "architecture: {error}";
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";

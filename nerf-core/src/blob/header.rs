@@ -16,8 +16,8 @@ const VERSION: Range<usize> = 8..10;
 const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
-/// Position of the CRC-32 (ISO-HDLC) of header and body. The CRC is computed with zeros in place of the bytes
-/// `CHECKSUM` and `RESERVED`.
+/// Position in the header of the CRC-32 (ISO-HDLC) of header and body. The CRC is computed with zeros in place of the
+/// bytes `CHECKSUM` and `RESERVED`.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 

@@ -217,7 +217,8 @@ fn viewpoints_that_place_no_camera_are_refused() {
 fn unbounded_scenes_are_opened_as_they_were_written_or_refused() {
     let weights = halve(&parameters(&every_kind(), 1)).0;
     let contracted = |step, power| SceneSampling::Contracted { step, power };
-    // The maximum of 4096 steps must cover `2 (1 + power)`: steps of 9.8e-4 cover 4.01, steps of 2.45e-3 cover 10.04.
+    // At most 4096 steps must cover an infinite line, which is `2 (1 + power)` long in `Contraction::step_at`: steps of
+    // 9.8e-4 cover 4.01, steps of 2.45e-3 cover 10.04.
     for (step, power) in [(1.0, 1), (9.8e-4, 1), (1.5e-3, 2), (2.45e-3, 4)] {
         let scene = SceneFacts { sampling: contracted(step, power), ..SCENE };
         let bytes =

@@ -59,8 +59,8 @@ impl<'a> Blob<'a> {
         Ok(blob)
     }
 
-    /// Opens a blob as [`Blob::open`] does, but without the check of coded tables, which takes as long as decoding. For
-    /// callers that decode the tables next, such as [`Renderer::new`](crate::render::Renderer::new).
+    /// Opens a blob as [`Blob::open`] does, but does not check coded tables, since that check takes as long as
+    /// decoding. For callers that decode the tables next, such as [`Renderer::new`](crate::render::Renderer::new).
     ///
     /// # Errors
     /// As [`Blob::open`], except for faults of the coded tables.
@@ -134,7 +134,7 @@ impl<'a> Blob<'a> {
         Some(OccupancyGrid::new(self.scene_box()?, occupancy.resolution, occupancy.bits))
     }
 
-    /// The Pareto front of PSNR against multiply-adds, most expensive settings first; empty if none was measured.
+    /// Pareto front of render settings: PSNR against multiply-adds, most expensive first. Empty if not measured.
     pub fn front(&self) -> &[FrontPoint] {
         &self.body.front
     }

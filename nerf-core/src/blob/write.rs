@@ -5,7 +5,7 @@ use super::check::check;
 use super::error::BlobError;
 use super::header::{self, HEADER_LEN};
 
-/// Size of the blob that [`write()`] makes of `body`, bytes.
+/// Number of bytes of the blob that [`write()`] makes of `body`.
 ///
 /// # Errors
 /// The errors of [`write()`].

@@ -14,7 +14,7 @@ mod tests;
 
 /// Maximum side of an image, pixels: up to this size the centre of every pixel is exact in f32.
 pub const MAX_IMAGE_SIDE: u32 = 1 << 23;
-/// Maximum distance of an image point from the principal point along an axis, in focal lengths; the square of the
+/// Maximum distance of an image point from the principal point along x or y, in focal lengths; the square of the
 /// distance is well within the range of f32.
 const MAX_NORMALISED: f32 = 1e9;
 
@@ -240,7 +240,7 @@ impl Camera {
     /// Returns this camera at another pose.
     ///
     /// # Errors
-    /// [`CameraError`] if the pose is not finite, too far away or no rotation.
+    /// [`CameraError`] if the pose is not finite, too far away or not a rotation.
     pub fn at(&self, pose: Pose) -> Result<Self, CameraError> {
         pose.check()?;
         Ok(Self { pose, ..*self })
@@ -298,9 +298,9 @@ impl Camera {
         Ray { origin: self.pose.position, dir: dir.normalize() }
     }
 
-    /// The ray through an image point that may lie outside of the image, where [`Camera::new`] did not check the lens.
-    /// `None` if the lens has no inverse at the point or folds between the axis and the point, or if the direction
-    /// overflows f32.
+    /// The ray through the image point `(x, y)`, pixels. The point may lie outside of the image, where [`Camera::new`]
+    /// did not check the lens. `None` if the lens has no inverse at the point or folds between the axis and the point,
+    /// or if the direction overflows f32.
     pub fn try_ray(&self, x: f32, y: f32) -> Option<Ray> {
         let (u, v) = self.normalised(x, y);
         let ray = self.towards(self.lens.invert(u, v, true)?);
@@ -308,7 +308,7 @@ impl Camera {
     }
 
     /// Projects a point of the world to an image point, pixels, which may lie outside of the image. `None` if the point
-    /// is at the camera or, except for fisheyes, behind the camera.
+    /// is at the camera. Without a fisheye lens, also `None` if the point is not in front of the camera.
     pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
         let local = self.pose.rotation.transpose() * (point - self.pose.position);
         if local == Vec3::ZERO {

@@ -202,8 +202,8 @@ fn a_folded_lens_is_refused() {
     assert!((-8..=8).all(|s| border(s).is_some()));
     let found = Camera::new(Intrinsics::centred(104, 104, 10.0), lens, IDENTITY);
     assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");
-    // First the same lens with the fold between two points at which the lens is checked, 5.2 apart. Then a lens that
-    // nearly folds.
+    // First the same lens, with its fold between two checked points (5.2 focal lengths apart). Then a lens that nearly
+    // folds.
     for (lens, focal) in [(lens, 1.25), (Lens { k1: -1.0, k2: 0.452, ..Lens::NONE }, 10.0)] {
         let found = Camera::new(Intrinsics::centred(104, 104, focal), lens, IDENTITY);
         assert!(matches!(found, Err(CameraError::LensNotInvertible { .. })), "{found:?}");

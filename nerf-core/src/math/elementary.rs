@@ -1,4 +1,4 @@
-//! Evaluation of one elementary function over a slice, for tests and benchmarks of the backends.
+//! Evaluation of one elementary function over a slice, for tests and benchmarks of the maths backends.
 
 use super::{Math, MathBackend, with_math};
 use crate::simd::{Isa, Lanes, Op};

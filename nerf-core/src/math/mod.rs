@@ -1,5 +1,5 @@
-//! Elementary functions. No other module uses `libm` or `micromath`, except that [`Lanes::sqrt`] of one lane uses
-//! `libm`. In the table, "own" is the project's f32 polynomials.
+//! Elementary functions. Only this module uses `micromath`, and only this module and [`Lanes::sqrt`] of the type `f32`
+//! use `libm`. In the table, "own" is the project's f32 polynomials.
 //!
 //! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
 //! | --- | --- | --- | --- | --- |
@@ -133,8 +133,8 @@ fn sin_cos_of_reduced<M: Math, V: Lanes>(u: V) -> (V, V) {
     M::sin_cos(u.mul(V::splat(core::f32::consts::PI)))
 }
 
-/// Evaluates `$body`, where `$M` is the [`Math`] of `$backend`. The backends `Recurrence` and `Polynomial` share the
-/// code for `Polynomial`. Sinusoidal encodings, where these two differ, need `with_encoding_math`.
+/// Evaluates `$body` with the type `$M` set to the [`Math`] implementation of `$backend`. For `Recurrence`, `$M` is
+/// `Polynomial`: the two differ only in sinusoidal encodings, which need `with_encoding_math`.
 macro_rules! with_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {
@@ -157,8 +157,8 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// Evaluates `$body` as `with_math` does, but with separate code for the backend `Recurrence`. Needed for sinusoidal
-/// encodings, where `Recurrence` differs from `Polynomial`.
+/// Evaluates `$body` as `with_math` does, but with separate code for the backend `Recurrence`, for use in sinusoidal
+/// encodings.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

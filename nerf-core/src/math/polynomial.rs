@@ -51,8 +51,8 @@ pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
     rotate(n, sin, cos)
 }
 
-/// Largest `|x|` that [`sin_cos`] accepts. Up to here, the index of the quadrant times either of the first two parts of
-/// π/2 is exact.
+/// Largest `|x|` that [`sin_cos`] accepts. That function splits π/2 into three parts. Up to this limit, the quadrant's
+/// index times the first part is exact, and so is the index times the second part.
 pub const SIN_COS_DOMAIN: f32 = 1e5;
 
 /// `(sin x, cos x)` for `|x| <= SIN_COS_DOMAIN`.
@@ -60,7 +60,7 @@ pub const SIN_COS_DOMAIN: f32 = 1e5;
 /// # Accuracy
 /// Max abs error 1.2e-7 on the domain.
 /// # Source
-/// Cody and Waite 1980: π/2 in three parts, the first two of 8 bits each.
+/// Cody and Waite 1980. The reduction splits π/2 into three parts, the first two of 8 bits each.
 #[inline(always)]
 pub fn sin_cos<V: Lanes>(x: V) -> (V, V) {
     let n = x.mul(V::splat(FRAC_2_PI)).round_even();
@@ -89,7 +89,7 @@ pub fn angle(y: f32, x: f32) -> f32 {
     if high == 0.0 {
         return 0.0;
     }
-    // Above tan(π/8) the series gives the difference of the angle from π/4.
+    // If the quotient is above tan(π/8), the series gives the angle minus π/4.
     let turned = low > 0.414_213_57 * high;
     let q = if turned { (low - high) / (low + high) } else { low / high };
     let z = q * q;

@@ -10,7 +10,7 @@ impl Math for Recurrence {
     const DOUBLING: bool = true;
 }
 
-/// Computes `(sin 2a, cos 2a)` from `(sin a, cos a)`, and scales the pair to the unit circle to first order.
+/// Computes `(sin 2a, cos 2a)` from `(sin a, cos a)`. Corrects the length of the pair to 1, to first order.
 ///
 /// With `cos 2a = (cos a − sin a)(cos a + sin a)` the error doubles like the angle; `2 cos² a − 1` would let it grow
 /// faster.

@@ -34,7 +34,7 @@ fn worst_rel(points: impl Iterator<Item = f32>, f: impl Fn(f32) -> f32, truth: i
     points.map(relative).fold(0.0, Worse::worse)
 }
 
-/// sin and cos of πu in f64, by exact reduction of the f32 argument.
+/// sin and cos of πu in f64. `u` is first reduced modulo 2, exactly.
 fn truth_pi(u: f64) -> (f64, f64) {
     let r = u % 2.0;
     ((core::f64::consts::PI * r).sin(), (core::f64::consts::PI * r).cos())

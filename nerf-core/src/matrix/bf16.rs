@@ -1,7 +1,7 @@
 //! Dense layers in bf16 with f32 sums: two multiply-adds per lane and instruction if the CPU has `vdpbf16ps`.
 //!
-//! Inputs come in pairs: a 32-bit word holds input `2q` (low half) and `2q + 1` (high half) of one sample, or of one
-//! row of weights. An odd last input is paired with 0. Words are stored as bits in `f32` slices, so that the same
+//! Inputs and weights are stored in pairs. A 32-bit word holds the values for input `2q` (low half) and input `2q + 1`
+//! (high half). An odd last input is paired with 0. Words are stored as bits in `f32` slices, so that the same
 //! workspace serves every format of weights.
 
 use super::Init;
@@ -11,7 +11,7 @@ use half::bf16;
 /// One matrix of a layer, and the inputs that the matrix multiplies.
 #[derive(Clone, Copy, Debug)]
 pub struct PairedInput<'a> {
-    /// Weights in pairs, `[outputs][row]`; the first `pairs` words of each row are used.
+    /// Weights in pairs: for each output, a row of `row` words, of which the first `pairs` are used.
     pub weights: &'a [f32],
     /// Distance between rows of weights, words.
     pub row: usize,
@@ -26,7 +26,8 @@ pub struct PairedInput<'a> {
 pub enum PairedOutput {
     /// f32 values, `[outputs][stride]`.
     Floats,
-    /// Words of two values each, `[pairs(outputs)][stride]`: rounded to bf16, as inputs of the next layer.
+    /// Words of two successive outputs, rounded to bf16: the input format of the next layer,
+    /// `[pairs(outputs)][stride]`.
     Pairs,
 }
 
@@ -48,7 +49,7 @@ pub fn unpair(word: f32) -> [f32; 2] {
     [f32::from_bits(word.to_bits() << 16), f32::from_bits(word.to_bits() & 0xffff_0000)]
 }
 
-/// Converts `rows` rows of `stride` f32 into pairs, in place.
+/// Converts f32 values, `[rows][stride]`, to pairs of bf16 in place. Row `q` of pairs holds rows `2q` and `2q + 1`.
 pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
     for q in 0..pairs(rows) {
         let (low, high) = (2 * q * stride, (2 * q + 1) * stride);
@@ -63,9 +64,9 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
 /// Computes a layer: `to = act(init + Σ weights inputs)`, summed over the `parts` in order. `act` is ReLU if `relu`,
 /// else the identity.
 ///
-/// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`], sums start from the f32 in `to`,
-/// `[outputs][stride]`; an output in [`PairedOutput::Pairs`] overwrites these. An output is summed pair after pair, in
-/// the same order for any sizes.
+/// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`], sums start from the f32 values in `to`,
+/// `[outputs][stride]`, also if the `output` format is pairs. An output is summed pair after pair, in the same order
+/// for any sizes.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.

@@ -5,11 +5,11 @@ use crate::simd::{Isa, Lanes, Op};
 /// Sizes and strides of one product `C = init + A B`, in elements.
 #[derive(Clone, Copy, Debug)]
 pub struct Gemm {
-    /// Rows of A and C.
+    /// Number of rows of A and of C.
     pub m: usize,
-    /// Columns of B and C, a multiple of [`Isa::columns`].
+    /// Number of columns of B and of C, a multiple of [`Isa::columns`].
     pub n: usize,
-    /// Columns of A, rows of B.
+    /// Number of columns of A and of rows of B.
     pub k: usize,
     /// Distance from `A[i][p]` to `A[i+1][p]`, elements.
     pub a_row: usize,

@@ -1,4 +1,4 @@
-//! Dense layers whose f16 weights are read directly from the blob's bytes: for hosts without memory for f32 weights.
+//! Dense layers that read f16 weights directly from the scene file's bytes: for hosts without memory for f32 weights.
 
 use super::{Gemm, Init};
 use crate::memory::{at, tail, tail_mut};

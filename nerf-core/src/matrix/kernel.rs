@@ -9,9 +9,10 @@ names! {
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Storage {
-        /// f16, read directly from the blob's bytes. Needs no memory for weights.
+        /// f16, read directly from the scene file's bytes. Needs no memory for weights.
         F16 = "f16",
-        /// f32, unpacked from the blob's f16 once. Products are faster than with `F16`, and have the same values.
+        /// f32, unpacked once from the f16 of the scene file. Products are faster than with `F16`, and have the same
+        /// values.
         F32 = "f32",
         /// Pairs of bf16, for weights and activations: rounded to 8 significant bits. Sums are f32. [`Kernel::detect`]
         /// never chooses this storage.
@@ -20,8 +21,8 @@ names! {
 }
 
 impl Storage {
-    /// Whether weights are read directly from the blob's bytes: f16 weights, and all weights on targets without vector
-    /// instructions ([`VECTORS`]).
+    /// Whether weights are read directly from the scene file's bytes. True for `F16`, and for every storage on targets
+    /// without vector instructions ([`VECTORS`]).
     pub(crate) const fn in_place(self) -> bool {
         matches!(self, Self::F16) || !VECTORS
     }
@@ -39,7 +40,7 @@ pub struct Kernel {
 
 impl Kernel {
     /// The kernel that every machine supports, and the reference for all others: portable instructions, and f16 weights
-    /// read directly from the blob's bytes.
+    /// read directly from the scene file's bytes.
     pub const IN_PLACE: Self = Self::new(Isa::Portable, Storage::F16);
 
     /// Makes a kernel. Does not check whether the kernel is [available](Kernel::available).
@@ -47,7 +48,8 @@ impl Kernel {
         Self { isa, storage }
     }
 
-    /// The fastest kernel of this machine that does not round weights: f32, or f16 on a target without vectors.
+    /// The fastest kernel of this machine that does not round weights: with f32 storage or, on a target without vector
+    /// instructions, with f16 storage.
     pub fn detect() -> Self {
         Self::new(Isa::detect(), if VECTORS { Storage::F32 } else { Storage::F16 })
     }

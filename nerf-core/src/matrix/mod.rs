@@ -1,4 +1,5 @@
-//! Dense products: weights (f32, f16 read directly from the blob's bytes, or pairs of bf16) times a block of samples.
+//! Dense products of weights and a block of samples. Weights are f32, pairs of bf16, or f16 read directly from the
+//! scene file's bytes.
 
 #[allow(unsafe_code, reason = "a leaf of AVX-512 BF16, and reads by address")]
 mod bf16;

@@ -1,10 +1,10 @@
-//! Typed slices in the caller's memory. One function of each stage of the renderer requests the stage's buffers. With
-//! [`Measure`] the function counts the 64-byte lines of memory, and with [`Arena`] it allocates the buffers.
+//! Typed slices in the caller's memory. Each stage of the renderer has one function that requests the stage's buffers.
+//! With [`Measure`] the function counts the 64-byte lines of memory, and with [`Arena`] it allocates the buffers.
 
 use core::mem::{MaybeUninit, align_of, size_of};
 
-/// One cache line of workspace, 64 bytes. Callers pass memory to this crate as slices of lines, which have the
-/// alignment that loads of every instruction set prefer.
+/// One cache line of workspace, 64 bytes. Callers pass memory to this crate as slices of lines. A line's alignment
+/// suits the vector loads of every instruction set.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub struct Line([MaybeUninit<u8>; 64]);
@@ -51,7 +51,7 @@ impl<'w> Layout<'w> for Measure {
     }
 }
 
-/// Allocator of slices, from the beginning of a workspace on.
+/// Allocator that cuts one slice after the other from the beginning of a workspace.
 pub struct Arena<'w> {
     rest: &'w mut [Line],
 }

@@ -1,7 +1,7 @@
-//! Slicing without panics, for the stages between the kernels.
+//! Slicing that panics only in builds with debug assertions.
 //!
-//! A length that does not fit is a bug. Builds with debug assertions panic. Other builds return a slice that is as long
-//! as possible, so that a microcontroller's build contains no panic.
+//! A length that does not fit is a bug. Builds without debug assertions then return a slice that is as long as
+//! possible, so that a microcontroller's build contains no panic.
 
 /// The first `n` values of `all`.
 #[inline(always)]

@@ -62,16 +62,16 @@ pub enum Shading {
 
 /// A network's shape, from which [`Architecture::layers`] derives all layers.
 ///
-/// The original NeRF has a linear feature layer in front of the colour branch. No activation follows that layer, so
-/// that the export of a network merges it into the first colour layer.
+/// The linear feature layer of the original NeRF has no counterpart here. No activation follows that layer, so that the
+/// export of a network merges it into the first colour layer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
-    /// Encoding of the position (3 inputs), or of the image point (2 inputs).
+    /// Encoding of the position: 3 inputs in a scene, 2 in a 2D field (a point of the image).
     pub position: PositionEncoding,
     /// Encoding of the viewing direction; `None` if colour does not depend on the direction.
     pub direction: Option<DirectionEncoding>,
     /// The trunk's layers, in order. The first takes the encoded position and has no skip input. The trunk may be empty
-    /// only with a grid and [`Shading::PerRay`].
+    /// only if the position encoding is a grid and the shading is [`Shading::PerRay`].
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head; `None` in a 2D field.
     pub density: Option<DensityActivation>,
@@ -107,9 +107,9 @@ pub struct Layer {
     pub extra: usize,
     /// Number of outputs.
     pub outputs: usize,
-    /// Index of `W[0][0]` in the parameter vector.
+    /// Index of the layer's first weight, `W[0][0]`, in the network's parameter vector.
     pub weights: usize,
-    /// Index of `b[0]` in the parameter vector.
+    /// Index of the layer's first bias, `b[0]`, in the network's parameter vector.
     pub bias: usize,
 }
 
@@ -178,7 +178,8 @@ impl Architecture {
         Ok(())
     }
 
-    /// All layers, with the indices of their parameters. The order is, for each layer, `W` row-major, then `b`.
+    /// All layers, with the indices of their parameters. The parameter vector holds, for each layer in turn, `W`
+    /// row-major and then `b`.
     ///
     /// Correct only for an architecture that passes [`Architecture::check`].
     pub fn layers(&self) -> Layers {
@@ -216,7 +217,7 @@ impl Architecture {
         self.layers().last().map_or(0, |rgb| rgb.bias + rgb.outputs)
     }
 
-    /// Number of parameters of trunk and density head, which are stored first.
+    /// Number of parameters of trunk and density head. These are the first of the parameter vector.
     pub fn density_parameters(&self) -> usize {
         let colour = |layer: &&Layer| matches!(layer.role, Role::Colour(_) | Role::Rgb);
         self.layers().iter().find(colour).map_or(0, |layer| layer.weights)
@@ -227,7 +228,7 @@ impl Architecture {
         self.macs(|role| matches!(role, Role::Trunk(_) | Role::Density))
     }
 
-    /// Multiply-adds of one colour evaluation on top of a density evaluation.
+    /// Multiply-adds of one evaluation of the colour branch and the colour head, without those of the trunk.
     pub fn colour_macs(&self) -> usize {
         self.macs(|role| matches!(role, Role::Colour(_) | Role::Rgb))
     }
@@ -309,7 +310,7 @@ fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
 pub(crate) const PER_RAY_BUILT: bool = cfg!(feature = "grid");
 
 errors! {
-    /// An architecture outside the format's limits.
+    /// An architecture outside the limits of the file format.
     #[derive(Eq)]
     ArchitectureError:
     EncodingInputs { field: &'static str, expected: u8, found: u8 } =>

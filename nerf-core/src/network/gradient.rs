@@ -5,8 +5,8 @@
 //!                                                                    └─ a skip layer's share of it ─┘
 //! ```
 //!
-//! The raw density and sigma, the result of its activation, have gradients of the same direction, since every
-//! activation increases. Where the activation is flat, only the gradient of sigma is 0.
+//! Sigma is the raw density after its activation. Every activation increases, so that the gradient of sigma has the
+//! direction of the raw density's gradient. Where the activation is flat, only the gradient of sigma is 0.
 
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch};
@@ -26,7 +26,8 @@ const SIGNS: usize = 16;
 /// Memory that the backward pass of one block of samples needs in addition to [`Scratch`].
 #[derive(Debug)]
 pub struct GradientScratch<'w> {
-    /// One bit for each trunk output of each sample, set if the output is above 0; length [`Network::sign_words`].
+    /// ReLU mask of the trunk: one bit for each output of each sample, set if the output is above 0. Length:
+    /// [`Network::sign_words`].
     pub signs: &'w mut [u16],
     /// Gradient of the raw density with respect to the encoded position, `[gradient_rows][stride]`.
     pub encoded: &'w mut [f32],
@@ -180,15 +181,16 @@ impl Network<'_> {
     }
 }
 
-/// Number of words that hold one sign bit for each output of a layer.
+/// Number of words for the sign bits of a layer: one bit for each output of each of `samples` samples.
 fn sign_words(layer: &Layer, samples: usize) -> usize {
     (layer.outputs * samples).div_ceil(SIGNS)
 }
 
-/// Writes to `signs` one bit for each output of a layer: 1 if the output is above 0, else 0.
+/// Writes the ReLU mask of a layer to `signs`: one bit for each output of each sample, row after row, set if the output
+/// is above 0.
 ///
-/// `outputs`: after the ReLU, `[rows][stride]`. If `paired`, `[⌈rows / 2⌉][stride]` words that each hold the bf16
-/// values of two successive rows; `stride` is then a multiple of [`SIGNS`]. `signs`: one bit per output, row after row.
+/// `outputs`: the layer's outputs after the ReLU. If `paired`, words of two bf16 values, `[⌈rows / 2⌉][stride]`: word
+/// row `q` holds rows `2q` and `2q + 1`, and `stride` is a multiple of [`SIGNS`]. Otherwise f32, `[rows][stride]`.
 fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired: bool) {
     if !paired {
         for (sign, outputs) in signs.iter_mut().zip(head(outputs, rows * stride).chunks(SIGNS)) {

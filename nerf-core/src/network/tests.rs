@@ -181,7 +181,7 @@ fn weights_in_place_and_unpacked_agree_bit_for_bit() {
 #[test]
 fn unpacking_is_exact_for_every_finite_half() {
     let bits: Vec<u16> = (0..=u16::MAX).filter(|b| b & 0x7c00 != 0x7c00).collect();
-    // Offset by one byte: no alignment is needed.
+    // The weights begin at byte 1, since they need no alignment.
     let bytes: Vec<u8> = core::iter::once(0).chain(bits.iter().flat_map(|b| b.to_le_bytes())).collect();
     let mut unpacked = vec![0.0; bits.len()];
     unpack(&bytes[1..], &mut unpacked);

@@ -33,11 +33,11 @@ pub struct Network<'a> {
 pub struct Scratch<'w> {
     /// Number of samples of a block.
     pub stride: usize,
-    /// Encoded positions or directions, `[encoded][stride]`.
+    /// Encoded positions or directions; [`Network::encoded_rows`] rows.
     pub encoded: &'w mut [f32],
-    /// Outputs of the layer evaluated last, `[width][stride]`; swapped with `back` after each layer.
+    /// Outputs of the layer evaluated last, [`Network::activation_rows`] rows; swapped with `back` after each layer.
     pub front: &'w mut [f32],
-    /// Memory for the outputs of the next layer, `[width][stride]`.
+    /// Memory for the outputs of the next layer, [`Network::activation_rows`] rows.
     pub back: &'w mut [f32],
 }
 
@@ -45,7 +45,8 @@ impl<'a> Network<'a> {
     /// Makes a network without a grid from its architecture and parameters.
     ///
     /// `None` if the architecture exceeds a limit or has a grid (use [`Network::with_grid`]), or if there are too few
-    /// parameters. Without [`VECTORS`], also `None` unless weights are [`Weights::InPlace`].
+    /// parameters. In a build without vector instructions ([`VECTORS`]), also `None` unless weights are
+    /// [`Weights::InPlace`].
     #[cfg(feature = "train")]
     pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
@@ -53,8 +54,8 @@ impl<'a> Network<'a> {
 
     /// Makes a network from its architecture, its parameters and its grid's tables, if any.
     ///
-    /// `None` if the architecture exceeds a limit, or if there are too few parameters or table values. Without
-    /// [`VECTORS`], also `None` unless weights are [`Weights::InPlace`].
+    /// `None` if the architecture exceeds a limit, or if there are too few parameters or table values. In a build
+    /// without vector instructions ([`VECTORS`]), also `None` unless weights are [`Weights::InPlace`].
     #[cfg(feature = "train")]
     pub fn with_grid(
         architecture: &Architecture,
@@ -66,11 +67,12 @@ impl<'a> Network<'a> {
         Self::of_layers(architecture, architecture.layers(), weights, tables, isa)
     }
 
-    /// Makes a network of a checked architecture, such as a blob's. `None` if there are too few parameters or table
-    /// values. Without [`VECTORS`], also `None` unless weights are [`Weights::InPlace`].
+    /// Makes a network from an architecture that is known to be valid. `None` if there are too few parameters or table
+    /// values. In a build without vector instructions ([`VECTORS`]), also `None` unless weights are
+    /// [`Weights::InPlace`].
     ///
-    /// `layers`: all of [`Architecture::layers`], or only trunk and density head. With the latter, [`Network::colour`]
-    /// must not be called.
+    /// `layers`: all of [`Architecture::layers`], or only trunk and density head. Without the colour layers,
+    /// [`Network::colour`] must not be called.
     pub(crate) fn of_layers(
         architecture: &Architecture,
         layers: Layers,
@@ -111,8 +113,8 @@ impl<'a> Network<'a> {
         self.isa
     }
 
-    /// The network's parameters. In a build without [`VECTORS`] the result is always [`Weights::InPlace`], so that the
-    /// compiler drops the code for other formats.
+    /// The network's parameters. In a build without vector instructions ([`VECTORS`]) the result is always
+    /// [`Weights::InPlace`], so that the compiler drops the code for other formats.
     #[inline(always)]
     pub(super) fn weights(&self) -> Weights<'a> {
         match self.weights {
@@ -123,7 +125,7 @@ impl<'a> Network<'a> {
     }
 
     /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]. Any stride is valid only with portable
-    /// instructions and weights that are read directly from the blob's bytes.
+    /// instructions and weights that are read directly from the scene file's bytes.
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
@@ -133,7 +135,8 @@ impl<'a> Network<'a> {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
 
-    /// Number of rows of [`Scratch::encoded`]: the larger number of outputs of the two encodings.
+    /// Number of rows of [`Scratch::encoded`]: the outputs of the position encoding or of the direction encoding,
+    /// whichever has more.
     pub fn encoded_rows(&self) -> usize {
         let direction = self.architecture.direction.map_or(0, |direction| direction.outputs());
         self.architecture.position.outputs().max(direction)
@@ -182,8 +185,8 @@ impl<'a> Network<'a> {
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`]; with [`Weights::InPlace`], only with debug
-    /// assertions. If [`Network::whole_blocks`] and the stride is no multiple of [`Network::columns`]. `direction`,
-    /// `density` and `colour` panic likewise.
+    /// assertions. Also if [`Network::whole_blocks`] is true and the stride is no multiple of [`Network::columns`].
+    /// `direction`, `density` and `colour` panic likewise.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
@@ -254,8 +257,8 @@ impl<'a> Network<'a> {
 
     /// Computes the colours of the block whose trunk output `h` is in [`Scratch::front`], and overwrites `h`.
     ///
-    /// `direction`: fills the slice passed to it, `[direction_rows][stride]`, with the result of [`Network::direction`]
-    /// for the ray of each sample; not called without view dependence. `rgb`: `[3][stride]`.
+    /// `direction`: a function that fills the slice passed to it, `[direction_rows][stride]`, with the result of
+    /// [`Network::direction`] for the ray of each sample. Not called without view dependence. `rgb`: `[3][stride]`.
     pub fn colour(
         &self,
         math: MathBackend,
@@ -292,8 +295,8 @@ impl<'a> Network<'a> {
     /// Computes the colour of a block's first sample from the trunk's output `h` in [`Scratch::front`]; overwrites `h`.
     /// A vector holds outputs of a layer instead of samples. The result is bit-identical to [`Network::colour`].
     ///
-    /// Returns `false` and does nothing without [`Weights::Transposed`], or without hidden colour layers whose widths
-    /// are multiples of a vector's length.
+    /// Returns `false` and does nothing unless weights are [`Weights::Transposed`], the colour branch has hidden
+    /// layers, and the width of each hidden layer is a multiple of [`Isa::columns`].
     ///
     /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, only the first column is specified.
     pub(crate) fn colour_of_one(
@@ -329,7 +332,7 @@ impl<'a> Network<'a> {
             core::mem::swap(&mut scratch.front, &mut scratch.back);
             apart = 1;
         }
-        // Three outputs do not fill a vector: only lane 0 is valid, and lane j sums the inputs from the j-th on.
+        // Lane 0 of the product is the colour. The other lanes are not used: lane j sums the inputs from the j-th on.
         let (k, n) = (to_rgb.main, isa.columns());
         let g = Gemm { m: 3, n, k, a_row: k, a_col: 1, b_row: 1, c_row: stride };
         let bias = Init::Bias(&parameters[to_rgb.bias..]);
@@ -413,7 +416,7 @@ impl<'a> Network<'a> {
                     let init = Init::bias_unless(accumulate, tail(bytes, 2 * layer.bias));
                     gemm_f16(self.isa, g, tail(bytes, 2 * offset), from, to, init, hidden && last);
                 }
-                // One product of main and extra inputs, so that no intermediate sum is rounded.
+                // Main and extra inputs go into one product, so that no intermediate sum is rounded.
                 Weights::Paired(words) => {
                     return self.dense_paired(words, layer, inputs, stride, to, accumulate, hidden);
                 }

@@ -6,7 +6,7 @@ use crate::matrix::{Storage, f16_at, pair};
 /// The parameters of a network, borrowed in one of four formats.
 #[derive(Clone, Copy, Debug)]
 pub enum Weights<'a> {
-    /// Little-endian f16, read directly from the blob's bytes, without memory for unpacked weights.
+    /// Little-endian f16, read directly from the scene file's bytes, without memory for unpacked weights.
     InPlace(&'a [u8]),
     /// f32, for instruction sets with vectors.
     Prepared(&'a [f32]),
@@ -19,11 +19,11 @@ pub enum Weights<'a> {
 }
 
 impl<'a> Weights<'a> {
-    /// Returns the parameters of a network for `storage`. If weights are read directly from the blob's bytes, returns
-    /// `bytes`. Otherwise unpacks the f16 `bytes` into `memory` and returns `memory`.
+    /// Returns the parameters of a network for `storage`. If weights are read directly from the scene file's bytes,
+    /// returns `bytes`. Otherwise unpacks the f16 `bytes` into `memory` and returns `memory`.
     ///
-    /// `memory`: one value for each parameter of the `architecture`, or only for trunk and density head
-    /// ([`Architecture::density_parameters`]) if colours are not evaluated; unused if `bytes` are read directly.
+    /// `memory`: one value for each parameter of the `architecture`. If colours are not evaluated, the parameters of
+    /// trunk and density head suffice ([`Architecture::density_parameters`]). Unused if `bytes` are read directly.
     ///
     /// # Panics
     /// If `bytes` or `memory` is too short.

@@ -86,8 +86,8 @@ impl Batch {
     /// Maximum of [`Batch::rays`]: more than any image needs, few enough for 32-bit indices.
     pub const MAX_RAYS: usize = 1 << 24;
 
-    /// One ray and one sample, for microcontrollers. Saves memory only with portable instructions and weights read
-    /// directly from the blob's bytes; other kernels evaluate blocks of 64 samples.
+    /// One ray and one sample, for microcontrollers. Saves memory only with portable instructions and weights that are
+    /// read directly from the scene file's bytes. Other kernels evaluate blocks of 64 samples.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
     /// 256 rays, as many as a tile has pixels, and blocks of 64 samples: enough to keep any instruction set busy.
@@ -105,8 +105,8 @@ pub struct Plan<'a> {
     /// [`Blob::identity`] of the blob that the plan was made for.
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
-    /// Contraction of an unbounded scene; `None` if the scene is bounded. In an unbounded scene, positions along a ray
-    /// are counted in steps, which [`Plan::point`] and [`Plan::interval`] convert.
+    /// Contraction of an unbounded scene; `None` if the scene is bounded. In an unbounded scene, a position along a ray
+    /// is a number of steps of the contraction. [`Plan::point`] and [`Plan::interval`] take such positions.
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
     /// The bins of a ray. If a proposal network places the samples, only the number of bins is used.
@@ -131,7 +131,7 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// Default width of the blur of normals, in bins. A ray has one sample a bin, and resolves nothing finer.
+    /// Default width of the blur of normals, in bins. A ray has one sample a bin, so that finer detail is not resolved.
     pub const NORMAL_BLUR: f32 = 1.0;
 
     /// Makes the plan of a frame from what `blob` holds and from the requested settings.
@@ -298,15 +298,15 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Requested number of samples a ray: the number of bins from near to far, or the number of steps across the scene
-    /// box. With a proposal network, the number of drawn samples plus the number of proposal samples. A ray may get
-    /// more samples where the bins continue in front of near or behind far.
+    /// Requested number of samples a ray. In a scene with bins: the number of bins from near to far. In a scene with a
+    /// step: the number of steps across the scene box. With a proposal network: the number of drawn samples plus the
+    /// number of proposal samples. A ray may get more samples where the bins continue in front of near or behind far.
     pub(crate) fn samples_per_ray(&self) -> u32 {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
 
-    /// Index of the first bin of `from..end` whose sample lies in an occupied cell; `end` if none does. `place`: the
-    /// jitter of the ray's samples.
+    /// Index of the first bin of `from..end` whose sample lies in an occupied cell; `end` if none does. `place`:
+    /// positions of the ray's samples in their bins.
     // Not inlined: a copy at each call would be a large part of a microcontroller's code.
     #[inline(never)]
     pub(crate) fn first_occupied(
@@ -329,15 +329,15 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Nearest and farthest visible distance along a ray, world units: the intersection of the ray's own limits,
-    /// `t_min` and `t_max`, with the limits of the plan.
+    /// Nearest and farthest visible distance along a ray, world units: the ray's own limits `t_min` and `t_max`,
+    /// intersected with the limits of the plan.
     #[inline]
     pub(crate) fn range_of(&self, t_min: f32, t_max: f32) -> [f32; 2] {
         [self.range.0.max(t_min), self.range.1.min(t_max)]
     }
 
-    /// Distance, world units, that a frame seen from `eye` outputs for each pixel without a surface. No visible point
-    /// of the scene is farther from `eye`.
+    /// Distance, world units, that a frame outputs for each pixel without a surface. `eye`: position of the camera. No
+    /// visible point of the scene is farther from `eye`.
     pub fn far_from(&self, eye: Vec3) -> f32 {
         if self.lattice == Lattice::Own {
             return self.far.min(self.range.1);
@@ -396,15 +396,16 @@ impl<'a> Plan<'a> {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// Smallest distance along a ray at which an unbounded scene has samples, world units, counted from distance
-    /// `start`. `t_min`: nearest visible distance of the ray, counted from its origin.
+    /// Smallest distance at which a ray through an unbounded scene has samples, world units. The result is counted from
+    /// the point at distance `start` along the ray. `t_min`: nearest visible distance, counted from the ray's origin.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start
     }
 
-    /// The interval of the sample at `t`. `t` is counted from distance `start` along the ray, in world units or, with a
-    /// contraction, in steps of the contraction. `t_min`: nearest visible distance of the ray, world units.
+    /// The interval of the sample at position `t`. `t` is counted from the point at distance `start` along the ray, in
+    /// world units or, in an unbounded scene, in steps of the contraction. `ends`: cuts of the first and the last bin.
+    /// `t_min`: nearest visible distance of the ray, world units.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
         if self.contraction.is_some() {
@@ -420,7 +421,8 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// Computes the bins of a frame and their lattice. `proposal`: whether a proposal network places the samples.
+/// Computes the bins of a frame and how they are placed on a ray. `samples`: number of samples a ray. `proposal`:
+/// whether a proposal network places the samples.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();
     let step = |own: f32, way: f32| if samples == scene.samples() { own } else { way / f32::from(samples) };

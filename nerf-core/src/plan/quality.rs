@@ -161,7 +161,7 @@ impl Default for Quality {
     }
 }
 
-/// A point of the blob's Pareto front.
+/// Quality settings from the blob's Pareto front, with their loss and cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// Quality settings of this point.

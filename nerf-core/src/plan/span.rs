@@ -16,8 +16,8 @@ mod tests;
 pub(crate) enum Lattice {
     /// Only the bins used in training, from near to far.
     Own,
-    /// The bins used in training. Where a ray needs more, further bins of the same width lie in front of near and
-    /// behind far.
+    /// The bins used in training, and further bins of the same width in front of near and behind far, as far as a ray
+    /// needs them.
     Extended,
     /// The scene has a step instead of bins: the first bin begins where the ray enters the scene box.
     March,
@@ -46,7 +46,7 @@ impl Span {
     /// ([`Plan::range_of`]); `None` if there is none.
     ///
     /// The ray's origin is moved to the box, so that the distances of samples are small however far away the camera is.
-    /// Output distances include this move, [`Span::start`].
+    /// [`Span::start`] is the length of this move, which output distances include.
     pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;

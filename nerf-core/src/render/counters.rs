@@ -19,8 +19,9 @@ pub struct Counters {
     pub proposal_evaluations: u64,
     /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: at most one per sample, since the colour cut skips samples of low
-    /// weight; with deferred shading, one per ray. For a 2D field, number of evaluations of the whole network.
+    /// Number of evaluations of the colour branch: at most one per sample, or with deferred shading, at most one per
+    /// ray. Samples whose weight does not exceed the colour cut are skipped. For a 2D field, number of evaluations of
+    /// the whole network.
     pub colour_evaluations: u64,
     /// Number of density gradients computed for normals, each by a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,
@@ -40,7 +41,8 @@ impl Counters {
         self.macs += (n * network.architecture().density_macs()) as u64;
     }
 
-    /// Counts `n` evaluations of the colour branch, except for the part that depends on the direction alone.
+    /// Counts `n` evaluations of the colour branch. Adds no multiply-adds for the part that depends on the direction
+    /// alone.
     pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
         self.colour_evaluations += n as u64;
         self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;

@@ -43,8 +43,8 @@ errors! {
     /// The caller's ray at `index` does not satisfy `0 <= t_min <= t_max`, or its `t_min` is infinite.
     RayRange { index: usize, t_min: f32, t_max: f32 } =>
         "rays[{index}]: expected 0 <= t_min <= t_max, found t_min {t_min}, t_max {t_max}";
-    /// The random number at `index` is outside `[0, 1]`. If the numbers of rays and of random numbers differ, `index`
-    /// is the smaller of the two.
+    /// The random number at `index` is outside `[0, 1]`. If there are more or fewer random numbers than rays, `index`
+    /// is the smaller of the two counts.
     Random { index: usize } => "random[{index}]: expected a number in [0, 1] for every ray and no more";
     /// The axis along which z_depth is measured is not of unit length.
     Axis { found: [f32; 3] } => "axis: expected a vector of unit length, found {found:?}";
@@ -74,7 +74,7 @@ errors! {
     InstanceProblem:
     /// The instance's plan was made for another blob than the instance's renderer.
     OtherScene => "expected a plan of this scene, found one of another";
-    /// The instance's outputs, effects and batch are not all equal to the last instance's.
+    /// The instance's outputs, effects or batch differ from those of the last instance.
     OtherRequest => "expected outputs, effects and batch of the last instance, found others";
     /// The instance's plan uses a proposal network: [`Quality::proposal`](crate::plan::Quality) must be off.
     Proposal => "expected a plan without a proposal network, found one with it";

@@ -73,7 +73,8 @@ impl Explanation<'_> {
         Self { counters: Some(counters), ..self }
     }
 
-    /// Replaces the reported size of the workspace by `bytes`. For programs that need more memory than the renderer.
+    /// Replaces the reported size of the workspace by `bytes`. For programs whose workspace holds more than a
+    /// renderer needs.
     pub fn with_workspace(self, bytes: usize) -> Self {
         Self { workspace: bytes, ..self }
     }

@@ -26,7 +26,7 @@ pub(super) struct Frame<'f, 'w> {
 
 impl<'f, 'w> Frame<'f, 'w> {
     /// Reserves the buffers of all stages in `layout`, which measures or allocates memory. The buffers of [`Pixels`]
-    /// are reserved separately.
+    /// are reserved separately. `around`: box around all occupied cells, and packet test of the occupancy grid.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -54,8 +54,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Returns a function from the camera's position to the output distance of pixels that show no surface, world
-    /// units.
+    /// Returns a function that takes the camera's position and returns a distance, world units: the output distance of
+    /// pixels that show no surface.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)
@@ -116,7 +116,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         true
     }
 
-    /// Computes density and colour at `points`, pairs of position and direction; at most one block of points.
+    /// Computes density and colour at `points`: at most one block of (position, direction) pairs.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)>,

@@ -18,7 +18,7 @@ pub const MAX_RENDER_SIDE: u32 = MAX_IMAGE_SIDE;
 
 /// Workspace for an image of a 2D field: one block of pixels.
 pub(super) struct Buffers<'w> {
-    /// Coordinates of the pixels' centres, x and y, in `[0, 1]`: `[2][stride]`.
+    /// Coordinates of the pixels' centres, in `[0, 1]`: a row of x and a row of y, `[2][stride]`.
     positions: &'w mut [f32],
     /// Colours of the pixels: `[3][stride]`.
     rgb: &'w mut [f32],

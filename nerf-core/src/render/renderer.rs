@@ -55,7 +55,8 @@ impl<'a> Renderer<'a> {
         Ok(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns a renderer of `blob`. `prepared`: the values copied for `kernel`. `None` if there are too few values.
+    /// Returns a renderer of `blob`. `prepared`: the values copied for `kernel`. `occupied`: coarse copy of the blob's
+    /// occupancy grid. Returns `None` if there are too few values.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
@@ -67,12 +68,12 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns a renderer of `blob` in which `parameters` replace those of the scene's network: f32 values in the
-    /// blob's order. Used to measure the PSNR lost by rounding. `tables`, if given, replace the blob's grid tables. The
-    /// proposal network keeps its parameters.
+    /// Returns a renderer of `blob` with other parameters for the scene's network. `parameters`: f32 values in the
+    /// blob's order. `tables`, if given, replace the blob's grid tables. The proposal network keeps its parameters.
+    /// Used to measure the PSNR lost by rounding.
     ///
-    /// `None` if there are too few parameters, in builds without [`VECTORS`](crate::simd::VECTORS), and if the blob's
-    /// tables are coded but no `tables` are given.
+    /// Returns `None` if there are too few parameters, in builds without [`VECTORS`](crate::simd::VECTORS), or if the
+    /// blob's tables are coded but no `tables` are given.
     #[cfg(feature = "train")]
     pub fn with_parameters(
         blob: Blob<'a>,

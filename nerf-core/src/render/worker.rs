@@ -183,8 +183,8 @@ impl<'f> Worker<'f> {
     /// A ray may begin inside or outside of the scene. If a ray meets no surface, its distances are the smaller of two:
     /// `t_max`, and the result of [`Plan::far_from`](crate::plan::Plan::far_from) for the ray's origin. `z_depth` is
     /// measured along `axis`, of unit length; without an axis, `z_depth` is 0. For a camera's rays, the pixels are
-    /// bit-identical to those of [`Worker::render`] if the plan has no jitter. With jitter, the ray at index `i` has the
-    /// random sample positions of the pixel in column `i`, row 0.
+    /// bit-identical to those of [`Worker::render`] if the plan has no jitter. With jitter, the ray at index `i` has
+    /// the random sample positions of the pixel in column `i`, row 0.
     ///
     /// # Errors
     /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit
@@ -328,8 +328,8 @@ impl<'f> Worker<'f> {
         let (plan, placed) = (self.plan(), self.pixels.placed);
         let capacity = plan.batch.rays.max(1);
         for first in range.clone().step_by(capacity) {
-            // A ray's column is its index, which selects its random numbers whatever the batch. Columns begin anew after
-            // 2^31 rays, so that none overflows.
+            // A ray's column is its index, which selects its random numbers whatever the batch. Columns begin anew
+            // after 2^31 rays, so that none overflows.
             let x = (first % (1 << 31)) as u32;
             let before = first - x as usize;
             let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {

@@ -4,7 +4,7 @@ use crate::simd::{LANES, Lanes};
 use crate::space::BoundsError;
 use core::ops::Range;
 
-/// `near..far` split into `count` equal bins, the same for every ray of an image.
+/// The range `near..far` of a ray, split into `count` equal bins. All rays of an image have the same bins.
 ///
 /// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`, world units along the ray. For a ray that uses
 /// only a part of this range, the first and last bin are cut to that part ([`Bins::cut`]).
@@ -19,11 +19,11 @@ pub struct Bins {
 /// Where a ray's first and last bin are cut short; distances along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ends {
-    /// `start..low` is the used part of the first bin if the bin is cut; else `start` and `low` are −∞.
+    /// If the first bin is cut, `start..low` is its used part. Otherwise `start` and `low` are −∞.
     pub start: f32,
     pub low: f32,
-    /// `high..far` is the last bin if the bin is cut, and `high..stop` its used part. Else `high` and `stop` are +∞,
-    /// and `far` is the end of all bins.
+    /// If the last bin is cut, `high..far` holds its samples, and `high..stop` is its used part. Otherwise `high` and
+    /// `stop` are +∞, and `far` is the end of all bins.
     pub high: f32,
     pub far: f32,
     pub stop: f32,
@@ -97,8 +97,8 @@ impl Bins {
         (self.with(ends), bins)
     }
 
-    /// Distance, a multiple of the bin width, by which bins must move to begin at or just before `enter`; 0 if the bins
-    /// cover `enter..exit`.
+    /// Distance by which the bins must move to begin at or just before `enter`, a multiple of the bin width. 0 if the
+    /// bins already cover `enter..exit`.
     pub(crate) fn shift(&self, enter: f32, exit: f32) -> f32 {
         let index = self.position(enter);
         if index >= 0.0 && exit <= self.ends.far {
@@ -109,8 +109,8 @@ impl Bins {
         (if whole > index { whole - 1.0 } else { whole }) * self.delta
     }
 
-    /// Cuts the bins for a vector of rays, as [`Bins::cut`] does for one ray. Returns the cuts, as [`Ends::parts`], and
-    /// the range of bins used: its first bin and its end, both integers.
+    /// Cuts the bins for a vector of rays, as [`Bins::cut`] does for one ray. Returns the cuts, in the order of
+    /// [`Ends::parts`]. Also returns the range of bins used: the first bin and the end, both integers.
     #[inline(always)]
     pub(crate) fn cut_lanes<V: Lanes>(&self, start: V, far: V, stop: V) -> ([V; Ends::PARTS], [V; 2]) {
         let [all_start, all_low, all_high, all_far, all_stop] = self.ends.parts().map(V::splat);
@@ -156,13 +156,13 @@ impl Bins {
         2.0 * f32::EPSILON * self.distance(self.count as f32) / self.delta
     }
 
-    /// Distance along the ray of a position counted in bins: bin `i` begins at position `i`. Cuts are ignored.
+    /// Converts a position counted in bins to a distance along the ray. Bin `i` begins at position `i`. Ignores cuts.
     #[inline(always)]
     pub(crate) fn distance<V: Lanes>(&self, position: V) -> V {
         V::splat(self.near).add(position.mul(V::splat(self.delta)))
     }
 
-    /// Position, counted in bins, of a distance along the ray: the inverse of [`Bins::distance`].
+    /// Converts a distance along the ray to a position counted in bins: the inverse of [`Bins::distance`].
     #[inline(always)]
     fn position<V: Lanes>(&self, distance: V) -> V {
         distance.sub(V::splat(self.near)).div(V::splat(self.delta))
@@ -178,7 +178,8 @@ impl Bins {
         self.delta
     }
 
-    /// `t` clamped to the bin that contains it, and the beginning and end of that bin. `ends`: cuts as [`Ends::parts`].
+    /// `t` clamped to the used part of its bin, then the beginning and the end of that part. `ends`: cuts of the bins,
+    /// in the order of [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn edges_around<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> [V; 3] {
         let [start, low, high, _, stop] = ends;
@@ -197,14 +198,15 @@ impl Bins {
         V::select(t.less(self.distance(bin.add(one))), bin, bin.add(one))
     }
 
-    /// The point of bin `i` at fraction `u` in `[0, 1]`, ½ being the middle; clamped to `far` against rounding.
+    /// Distance along the ray of the point at fraction `u` of bin `i`: 0 is the beginning, ½ the middle, 1 the end.
+    /// Never above `far`, in spite of rounding.
     #[inline]
     pub fn at(&self, i: u32, u: f32) -> f32 {
         self.points(i as f32, u, self.ends.parts())
     }
 
-    /// For each lane, the point of bin `bins` at fraction `u`, as [`Bins::at`] returns for one bin. Each lane has a ray
-    /// of its own; `ends`: cuts of these rays, as [`Ends::parts`].
+    /// Computes [`Bins::at`] for a vector of rays, one per lane: the point at fraction `u` of bin `bins`. `ends`: cuts
+    /// of these rays, in the order of [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn points<V: Lanes>(&self, bins: V, u: V, ends: [V; Ends::PARTS]) -> V {
         let [_, _, high, far, _] = ends;
@@ -213,15 +215,15 @@ impl Bins {
         V::select(t.less(far), t, far)
     }
 
-    /// Whether no bin up to index `last` is cut at its end. Cuts then do not move the middles of these bins.
+    /// Whether the ends of all bins up to index `last` are uncut. Their middles are then the same as without cuts.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
         let (last, Ends { high, far, .. }) = (last as f32, self.ends);
         self.distance(last) < high && self.distance(last + 0.5) < far
     }
 
-    /// Middles of the bins `first`, `first` + 1, … of a vector: [`Bins::at`] with `u` = ½; indices below 2^23. `whole`:
-    /// the result of [`Bins::whole_up_to`] for the vector's last bin.
+    /// Middles of the bins `first`, `first` + 1, …, one per lane: [`Bins::at`] with `u` = ½. Indices must be below
+    /// 2^23. `whole`: the result of [`Bins::whole_up_to`] for the last of these bins.
     #[inline(always)]
     pub(crate) fn middles<V: Lanes>(&self, first: u32, whole: bool) -> V {
         let (i, half) = (V::splat(first as f32).add(V::load(&LANES)), V::splat(0.5));

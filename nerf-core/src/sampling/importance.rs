@@ -18,13 +18,13 @@ const WEIGHT_FLOOR: f32 = 1e-5;
 /// the middle of every bin, and the `drawn` samples. A row with fewer values than bins is left unchanged.
 ///
 /// The probability density of the drawn samples is constant in a bin and proportional to the bin's weight plus 1e-5.
-/// The samples are the inverse distribution function at `(k + within(k)) / drawn`; `within` returns numbers from 0 to
-/// below 1. If `within` always returns ½, sampling is deterministic, and the same weights give the same bits.
+/// Sample `k` is the inverse distribution function at `(k + within(k)) / drawn`. `within` returns numbers in `[0, 1)`.
+/// If `within` always returns ½, sampling is deterministic, and the same weights give the same bits.
 ///
 /// # Source
-/// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`): floor, union with the coarse samples.
-/// Deviations: the middles of the strata, not `linspace(0, 1)`, so that no sample lies at an end; the bins' own
-/// edges, which here equal the midpoints between samples.
+/// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`), with its weight floor and its union with
+/// the coarse samples. Deviations: the middles of the strata, not `linspace(0, 1)`, so that no sample lies at an end;
+/// the bins' own edges, which here equal the midpoints between samples.
 ///
 /// # Accuracy
 /// The distribution function at the returned `t` has an error of 4 ulp of 1, plus the effect of rounding `t` itself.
@@ -79,7 +79,8 @@ pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     }
 }
 
-/// Middle and width of the interval of sample `k` of a row: the points nearer to sample `k` than to any other.
+/// Middle and width of the interval of sample `k` of a row. The interval consists of the points nearer to sample `k`
+/// than to any other sample.
 ///
 /// `row`: ascending `t`, `k` one of its indices. The first interval begins at `near`, the last ends at `far`, so that
 /// the widths add up to `far − near`. Samples in the middles of equal bins get the bins' width.

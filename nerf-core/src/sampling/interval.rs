@@ -17,13 +17,14 @@ pub(crate) struct SampleInterval<V = f32> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spacing<'a> {
     pub bins: &'a Bins,
-    /// Contraction of an unbounded scene: bins are then counted in its steps. `None` if the scene is bounded.
+    /// Contraction of an unbounded scene; bins are then in steps of the contraction. `None` in a bounded scene, whose
+    /// bins are in world units.
     pub contraction: Option<&'a Contraction>,
 }
 
 impl Spacing<'_> {
-    /// The point x, y, z of a ray at `t`, in the network's space. `t`: world units or, with a contraction, steps of the
-    /// contraction.
+    /// The point of a ray at `t`, in the space of the network's inputs. `t`: world units or, with a contraction, steps
+    /// of the contraction.
     #[inline(always)]
     pub fn point<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
         match self.contraction {
@@ -56,8 +57,8 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of a bounded scene's sample at `t`, world units. Requires that the sample's bin, the ray's first or
-    /// last, is cut.
+    /// The interval of a bounded scene's sample at `t`, world units. Requires that the sample lies in a cut bin, which
+    /// is the first or last bin of the ray.
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;
@@ -66,14 +67,14 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// Distances of the sample at `t` (world units, or steps of the contraction), and of the beginning and end of its
-    /// interval, all in world units along the ray. Neighbouring intervals share their edges bit for bit.
+    /// The sample at `t` and the two ends of its interval, as distances in world units along the ray. `t`: world units
+    /// or, with a contraction, steps of the contraction. Neighbouring intervals share their ends bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);
         match self.contraction {
-            // Rounding of a position in steps changes its distance, at a thousand radii by a ten-thousandth. Distances
-            // are clamped to `near`.
+            // Rounding of a position in steps changes its distance: at a thousand radii, by 1e-4 of the distance.
+            // Distances are clamped to `near`.
             Some(contraction) => {
                 let from = contraction.distance_lanes(from).max_of(near);
                 let to = contraction.distance_lanes(to).max_of(from);

@@ -25,7 +25,8 @@ impl SampleJitter {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
     }
 
-    /// Position, in `[0, 1)`, of the ray's sample `k` in its stratum, for the samples drawn from a proposal network.
+    /// Position of the ray's sample `k` in its stratum, `[0, 1)`. For samples that are drawn by the weights of a
+    /// proposal network.
     #[inline]
     pub fn within(&self, k: u32) -> f32 {
         match self.seed {

@@ -112,8 +112,8 @@ impl<'a> OccupancyGrid<'a> {
         x.wrapping_mul(ny).wrapping_add(y).wrapping_mul(nz).wrapping_add(z)
     }
 
-    /// Finds the first bin of `from..end` whose sample lies in an occupied cell, else `end`. The sample of `bin` lies
-    /// at `t(bin)`, which must not decrease from bin to bin.
+    /// Finds the first bin of `from..end` whose sample lies in an occupied cell. Returns `end` if there is none. The
+    /// sample of `bin` lies at `t(bin)`, which must not decrease from bin to bin.
     ///
     /// The result equals a test of every bin with [`OccupancyGrid::occupied`], but if bins are smaller than cells, the
     /// march advances from cell to cell.
@@ -147,8 +147,8 @@ impl<'a> OccupancyGrid<'a> {
         end
     }
 
-    /// Approximate number of the next bins along the ray whose middles lie in `cell`, the cell that contains the point
-    /// `p`. `cells_per_bin`: number of cells that a ray crosses in one bin, along x, y, z.
+    /// Approximate number of bins on the ray from the point `p` to the exit from `cell`, the cell that contains `p`.
+    /// `cells_per_bin`: number of cells that a ray crosses in one bin, along x, y, z.
     #[inline]
     fn bins_to_exit(&self, p: Vec3, cell: [usize; 3], dir: Vec3, cells_per_bin: Vec3) -> u32 {
         let low = Vec3::from(cell.map(|side| side as f32));
@@ -181,7 +181,8 @@ impl<'a> OccupancyGrid<'a> {
         self.resolution.map(|cells| cells.div_ceil(side))
     }
 
-    /// Sets the bit of each block of `side`³ cells that contains an occupied cell, x slowest.
+    /// Sets the bit in `blocks` of each block of `side`³ cells that contains an occupied cell. Blocks are in row-major
+    /// order, x slowest.
     pub(crate) fn mark_blocks(&self, side: u16, blocks: &mut [u8]) {
         let [_, ny, nz] = self.blocks(side).map(usize::from);
         let side = usize::from(side);
@@ -218,7 +219,7 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// Whether the cell with this index is occupied.
+    /// Whether the cell with this index, `(x * ny + y) * nz + z`, is occupied.
     #[inline]
     pub fn bit(&self, index: usize) -> bool {
         self.bits.get(index / 8).is_some_and(|byte| byte >> (index % 8) & 1 == 1)

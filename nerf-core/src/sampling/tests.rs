@@ -142,7 +142,8 @@ fn a_number_is_a_function_of_its_counters() {
     assert_ne!(uniform_u32(u64::MAX, Purpose::Cell, 0, u64::MAX), uniform_u32(0, Purpose::Cell, 0, 0));
 }
 
-/// Reference in f64: cell of `p`, and distance to the nearest cell face in cells. `None` outside the closed box.
+/// Reference in f64: the cell of `p`, and the distance from `p` to the nearest cell face, counted in cells. `None`
+/// outside the closed box.
 fn cell_of(bounds: &SceneBox, resolution: [u16; 3], p: Vec3) -> Option<([usize; 3], f64)> {
     let mut cell = [0; 3];
     let mut to_face = f64::INFINITY;
@@ -254,8 +255,8 @@ fn a_march_through_a_corner_meets_both_diagonal_cells() {
     assert_eq!(occupancy.occupied_share(), 0.25);
 }
 
-/// Rays in random directions, perpendicular to an axis, and along an axis. Every second ray begins at a corner of
-/// cells.
+/// Test rays. A third have random directions, a third are nearly perpendicular to an axis, a third are along an axis.
+/// Every second ray begins at a corner of cells.
 fn marched_rays(bounds: &SceneBox, resolution: [u16; 3]) -> vec::Vec<Ray> {
     let noise = crate::testing::noise(6 * 400, 77);
     let size = (bounds.max - bounds.min) / Vec3::from(resolution.map(f32::from));

@@ -27,11 +27,12 @@ names! {
 /// Whether this target is assumed to have vector instructions.
 ///
 /// Microcontrollers and WebAssembly without `simd128` have none. Their builds contain the portable instruction set
-/// alone, and read weights directly from the blob's bytes.
+/// alone, and read weights directly from the scene file's bytes.
 pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     cfg!(target_feature = "simd128")
 } else {
-    // Targets with an operating system are included, since trainers need weights in f32, which need [`VECTORS`].
+    // Every target with an operating system counts as having vectors: trainers need f32 weights, which need
+    // [`VECTORS`].
     !cfg!(target_os = "none") || cfg!(any(target_arch = "x86_64", target_arch = "aarch64"))
 };
 
@@ -65,8 +66,8 @@ impl Isa {
         }
     }
 
-    /// Whether f16 tables are read directly from the blob's bytes. If not, a new renderer converts these tables to f32
-    /// once.
+    /// Whether f16 tables are read directly from the scene file's bytes. If not, a new renderer converts these tables
+    /// to f32 once.
     ///
     /// WebAssembly converts, since it has no instruction for f16. Portable code has none either, but reads f16:
     /// conversion would double the tables' memory to save 2 % of a frame's time (`docs/kernels.md`).
@@ -74,8 +75,8 @@ impl Isa {
         !matches!(self, Self::Simd128)
     }
 
-    /// Unit of [`Isa::run_columns`]: 8 or 16 samples, which are one or two vectors. Only multiples of this number run
-    /// in vectors.
+    /// Granularity of [`Isa::run_columns`], in samples: 8 or 16. A multiple of this number of samples runs in vectors.
+    /// Any other number of samples runs one by one.
     #[inline]
     pub fn columns(self) -> usize {
         match self {

@@ -7,9 +7,9 @@ use super::{MAX_LANES, sealed};
 pub trait Indices: Copy {
     /// `x` in every lane.
     fn splat(x: u32) -> Self;
-    /// Sum of each lane, modulo 2^32.
+    /// `self + b` for each lane, modulo 2^32.
     fn add(self, b: Self) -> Self;
-    /// Product of each lane, modulo 2^32.
+    /// `self * b` for each lane, modulo 2^32.
     fn mul(self, b: Self) -> Self;
     /// Bitwise exclusive or.
     fn xor(self, b: Self) -> Self;
@@ -39,7 +39,7 @@ impl Indices for u32 {
 /// A vector of `COUNT` f32.
 ///
 /// `f32` is the vector of one lane, and each instruction set's module has a vector type. The trait is sealed. Every
-/// operation acts on each lane alone, so that a value never depends on its neighbours.
+/// operation acts on each lane alone, so that a lane's result never depends on other lanes.
 pub trait Lanes: Copy + sealed::Sealed {
     /// Number of lanes, a divisor of [`MAX_LANES`].
     const COUNT: usize;
@@ -168,7 +168,7 @@ pub fn bits_by_lane<V: Lanes>(bytes: &[u8], at: V::Indices) -> u32 {
     found
 }
 
-/// Returns sums of weighted table rows as [`Lanes::weighted_rows`] does, with one table read per lane and value.
+/// Returns sums of weighted table rows as [`Lanes::weighted_rows`] does, with a separate read for each lane and value.
 #[inline(always)]
 pub fn weighted_rows_by_lane<V: Lanes, T: Value, const ROWS: usize>(
     table: Table<'_, T>,

@@ -5,8 +5,8 @@ use super::lanes::weighted_rows_by_lane;
 use super::table::{Table, Value};
 use super::{Indices, Lanes};
 
-/// Declares methods of a vector type, each by one expression of intrinsics. An expression that is unsafe for a reason
-/// besides its instruction set has its own SAFETY line.
+/// Declares methods of a vector type, each with an expression of intrinsics as its body. An expression that is unsafe
+/// for a reason besides its instruction set has its own SAFETY line.
 macro_rules! instructions {
     ($(fn $name:ident $(<const $lane:ident: usize>)? ($($arguments:tt)*) $(-> $type:ty)? = $value:expr;)+) => {$(
         #[inline(always)]
@@ -54,9 +54,9 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// The primitives of table interpolation by [`weighted_rows`]. A vector consists of groups of four lanes. Each step
-/// sums rows for one lane of each group, lane `LANE`. During a step, the group's four lanes hold four neighbouring
-/// table values for that lane.
+/// The primitives of table interpolation by [`weighted_rows`]. A vector consists of groups of four lanes. The
+/// four lanes take turns. In the turn of `LANE`, rows are summed for lane `LANE` of each group. The four lanes of the
+/// group then hold four neighbouring table values for that lane.
 pub trait Quads: Lanes {
     /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
@@ -153,7 +153,7 @@ pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *cons
     table.values.as_ptr().wrapping_add(offset as usize + plus).cast()
 }
 
-/// Index of the last entry at which a row, two entries, can begin inside the table. `None` if the length of a row is no
+/// Largest entry index at which a row (two entries) still fits inside the table. `None` if the length of a row is no
 /// multiple of four values, or if the table is shorter than a row.
 #[inline(always)]
 fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
@@ -165,7 +165,7 @@ fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     u32::try_from(entries.checked_sub(2)?).ok()
 }
 
-/// Offset of the last four bytes of `bytes`; `None` if `bytes` is shorter, or if the offset exceeds 2^31 − 1.
+/// Offset of the last four bytes of `bytes`; `None` if `bytes` has fewer than four, or if the offset exceeds 2^31 − 1.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub fn last_word(bytes: &[u8]) -> Option<u32> {

@@ -64,7 +64,8 @@ pub struct Table<'a, T> {
 }
 
 impl<'a, T: Value> Table<'a, T> {
-    /// Makes a table of finite `values`. `scales` (integers only): one little-endian f32 a level, at any alignment.
+    /// Makes a table of finite `values`. `scales`: one little-endian f32 for each level of the grid, at any alignment;
+    /// used only if the values are integers.
     #[inline(always)]
     pub fn new(values: &'a [T], scales: &'a [u8]) -> Self {
         Self { values, scales: scales.as_chunks().0 }
@@ -90,7 +91,7 @@ impl<'a, T: Value> Table<'a, T> {
         values
     }
 
-    /// Factor by which the stored values of a grid's level `level` are to be multiplied; 1 for floats.
+    /// Factor that converts the stored values of level `level` of a grid to f32; 1 for tables of floats.
     #[inline(always)]
     pub fn scale(self, level: usize) -> f32 {
         match T::FORMAT {

@@ -18,13 +18,13 @@ pub use composite::{VolumeError, composite};
 #[cfg(feature = "normals")]
 pub(crate) use normal::NormalSum;
 
-/// Largest opacity of a pixel without a surface, whose distances are the frame's far distance.
+/// Opacity up to which a pixel counts as having no surface. Its distances are then the frame's far distance.
 pub const OPACITY_EPSILON: f32 = 1e-4;
 
-/// Maximum optical thickness of a sample, which is then opaque: `e^-100` is 0 in any image.
+/// Largest optical thickness of a sample. Such a sample is opaque: `e^-100` is 0 in any image.
 const MAX_TAU: f32 = 100.0;
 
-/// Optical thickness of a sample: `sigma` 1/world unit, `delta` world units.
+/// Optical thickness of a sample. `sigma`: density, 1/world unit. `delta`: width of the bin, world units.
 #[inline(always)]
 pub(crate) fn thickness(sigma: f32, delta: f32) -> f32 {
     (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU)
@@ -36,9 +36,9 @@ pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
     M::expm1(tau.neg()).neg()
 }
 
-/// Distance along the ray at which the optical thickness, summed from the bin's front edge, reaches `left`. The density
-/// `sigma`, not 0, is constant in the bin; the bin has middle `t` and width `delta`, world units along the ray. The
-/// result is clamped to the bin, and is the front edge if `sigma` is +inf.
+/// Distance along the ray at which the optical thickness, summed from a bin's front edge, reaches `left`. `sigma`:
+/// constant density in the bin, not 0. `t`, `delta`: middle and width of the bin, world units along the ray. The result
+/// is clamped to the bin. If `sigma` is +inf, the result is the front edge.
 #[inline]
 pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     // Neither operand of the clamp is NaN, since `left` is finite and `sigma` is not 0.
@@ -52,8 +52,8 @@ pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
-/// Returns `sum` scaled to unit length, or 0 if `opacity` is at most [`OPACITY_EPSILON`] or the normals cancel. `sum`:
-/// sum of weight · normal; `weight`: sum of the weights.
+/// Returns `sum` scaled to unit length. The result is 0 if `opacity` is at most [`OPACITY_EPSILON`], or if the normals
+/// cancel. `sum`: sum of weight · normal. `weight`: sum of the weights.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
     // Length at or below which a mean of unit vectors is rounding noise.
@@ -175,8 +175,8 @@ impl Accumulator {
         weight
     }
 
-    /// State of a ray with one photon, which collides with the medium where the optical thickness reaches `total`. The
-    /// sum `Σ sigma delta` starts at `-total`, and is 0 at the collision.
+    /// State of a ray that carries one photon, which collides with the medium where the optical thickness reaches
+    /// `total`. The state's sum of optical thickness starts at `-total`, so that it is 0 at the collision.
     pub(crate) fn until(total: f32) -> Self {
         let mut ray = Self::NONE;
         ray.tau.add(-total);
@@ -184,8 +184,8 @@ impl Accumulator {
     }
 
     /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin. A collision adds opacity 1 at its
-    /// distance. `before`: the ray's sum in front of the bin; `sigma` (not 0), `t`, `delta`: the bin's density, middle
-    /// and width.
+    /// distance. `before`: the ray's sum of optical thickness in front of the bin. `sigma` (not 0), `t`, `delta`: the
+    /// bin's density, middle and width.
     #[inline]
     pub(crate) fn collide(&mut self, before: f32, sigma: f32, t: f32, delta: f32) -> bool {
         let collides = -before < thickness(sigma, delta);
@@ -196,12 +196,12 @@ impl Accumulator {
         collides
     }
 
-    /// Returns the sum of the weights of samples without a colour and resets it to 0, or `None` if the sum is at most
-    /// `cut`. The caller evaluates the colour of the last sample and passes it to [`Accumulator::add_colour`] with the
-    /// returned sum.
+    /// Returns the sum of the weights of samples without a colour and resets it to 0. If the sum is at most `cut`,
+    /// returns `None` and keeps the sum. The caller evaluates the colour of the last sample and passes it to
+    /// [`Accumulator::add_colour`] with the returned sum.
     ///
-    /// Samples of low weight thus get the colour of the next evaluated sample, and samples without a colour have at
-    /// most the weight `cut` together. With a cut of 0 the result is the last sample's own weight.
+    /// Samples of low weight thus get the colour of the next evaluated sample. Together, samples without a colour weigh
+    /// at most `cut`. With a cut of 0 the result is the last sample's own weight.
     #[inline]
     pub fn take_uncoloured(&mut self, cut: f32) -> Option<f32> {
         (self.uncoloured > cut).then(|| core::mem::take(&mut self.uncoloured))
@@ -223,8 +223,8 @@ impl Accumulator {
     }
 
     /// Returns the pixel over `background`. `start`: distance along the ray from which the `t` of samples are counted.
-    /// `z_per_distance`: cosine between ray and view axis. Distances are clamped to `far`. `cut`: whether the ray was
-    /// terminated early. If so, its pixel is opaque: the ray's mean colour replaces the background.
+    /// `cut`: whether the ray was terminated early. If so, its pixel is opaque: the ray's mean colour replaces the
+    /// background. `far`: largest output distance. `z_per_distance`: cosine between ray and view axis.
     ///
     /// The last samples may have no evaluated colour. If they weigh less than the coloured samples, they get the ray's
     /// mean colour; else they stay black. Median distance and normal stay 0.
@@ -255,7 +255,7 @@ impl Accumulator {
 
     /// Adds the next sample, at `t`, with its colour and returns its weight.
     ///
-    /// [`Accumulator::add_density`] and [`Accumulator::add_colour`] in one, without a cut.
+    /// Same as [`Accumulator::add_density`] and then [`Accumulator::add_colour`], without a colour cut.
     #[cfg(feature = "train")]
     #[inline]
     pub(crate) fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
@@ -266,7 +266,7 @@ impl Accumulator {
         weight
     }
 
-    /// Writes the state of the ray, except its colour, to column `column` of the rows of a block of rays.
+    /// Writes the state of the ray, except its colour, to column `column` of `rows`, the state of a block of rays.
     #[inline]
     pub(crate) fn put_column(&self, rows: &mut Rows, column: usize) {
         let Self { tau, opacity, distance, uncoloured, left, .. } = *self;

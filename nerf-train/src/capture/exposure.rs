@@ -12,7 +12,7 @@ use std::borrow::Borrow;
 const ROUNDS: usize = 30;
 /// Residuals of log colour smaller than this are raised to it, so that the weight 1 / |residual| stays bounded.
 const SMALLEST_RESIDUAL: f64 = 0.02;
-/// Range of mean colours that are used, 0 to 255: smaller values are too dark, larger ones clipped.
+/// Smallest and largest mean colour used, on the scale 0 to 255. Smaller values are too dark, larger ones clipped.
 const USABLE: (f64, f64) = (15.0, 245.0);
 /// A colour is averaged over a square of 5 × 5 pixels: this number of pixels on each side of the middle one.
 const HALF_SIDE: i64 = 2;
@@ -41,8 +41,8 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Index and log gain of the photograph with the strongest gain, up or down, averaged over the channels; `None` if
-    /// that gain is less than a factor of two.
+    /// Photograph with the strongest gain, up or down: its index, and its log gain averaged over the channels. `None`
+    /// if the gain is less than a factor of two.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));

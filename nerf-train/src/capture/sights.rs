@@ -47,7 +47,7 @@ impl Sights {
             let mut found = (Vec::new(), 0, 0);
             for key in &view.key_points {
                 let Some(point) = points.get(key.point as usize) else { continue };
-                // The comparison refuses an error that is NaN.
+                // An error of NaN fails the comparison, so that the point is not used.
                 let believed = point.track >= MIN_TRACK && point.error < MAX_ERROR;
                 if !believed {
                     found.2 += 1;

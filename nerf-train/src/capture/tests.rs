@@ -4,8 +4,8 @@ use crate::data::demo::{DemoSpec, dataset};
 use crate::data::{Dataset, KeyPoint, SparsePoint};
 use glam::Vec3;
 
-/// Demo scene with 1000 points on a lattice around its centre. A view has key points where these points project to,
-/// hidden or not.
+/// Demo scene with 1000 points on a lattice around its centre. Each view has a key point wherever one of these points
+/// projects to, even if the point is hidden.
 pub(crate) fn tracked() -> Dataset {
     let mut data = dataset(&DemoSpec { train: 8, val: 2, size: 48, ..Default::default() }).expect("a scene");
     let at = |i: i32| (i as f32 - 4.5) * 0.1;

@@ -26,8 +26,8 @@ pub struct Audit {
     file: PathBuf,
     /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
-    /// PSNR gain, dB, from which a component is kept; one that saves 10 % of multiply-adds is kept unless it loses this
-    /// much.
+    /// Keep a component that raises PSNR by at least this, dB. A component that saves over 10 % of multiply-adds is
+    /// kept unless it lowers PSNR by this much.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.
@@ -60,7 +60,7 @@ impl Audit {
         let mut lab = Variants::new(&bytes)?;
         let dataset = self.data_options.read_for(&self.data, (&blob, &self.file), global)?;
         let views = self.split.some(&dataset, &self.data, self.views)?;
-        // Ray directions of training views are averaged, not those of the measured views.
+        // View dependence is replaced by its mean over the rays of the training views, if there are any.
         let rays: Vec<&View> =
             if dataset.train.is_empty() { views.clone() } else { dataset.train.iter().collect() };
         let options =

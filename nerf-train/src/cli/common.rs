@@ -57,7 +57,7 @@ pub struct Global {
     /// Number of threads [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
-    /// Compute kernel: avx512, avx2, neon or portable; with 16-bit weights: suffix -f16 or -bf16 [default: fastest].
+    /// Compute kernel: avx512, avx2, neon or portable, with suffix -f16 or -bf16 for 16-bit weights [default: fastest].
     #[arg(long, global = true, value_name = "KERNEL", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_kernel)]
     pub kernel: Option<Kernel>,
 }
@@ -185,8 +185,8 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Reports the steps in `missed`, for which `--snapshots` has no image. A missed step is later than `last`, the run's
-/// last step, or had passed before the run was resumed.
+/// Reports the steps `missed`, of which `--snapshots` made no image: steps after `last`, the run's last step, and steps
+/// before the one from which the run was resumed.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

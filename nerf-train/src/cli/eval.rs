@@ -176,8 +176,8 @@ impl Eval {
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Reports that the photographs keep their own background, if none has alpha and `--background` differs from `own`,
-    /// the scene file's background.
+    /// Reports that `--background` does not change the photographs, if none of them has alpha. Reports nothing if
+    /// `--background` is absent or equals `own`, the scene file's background.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

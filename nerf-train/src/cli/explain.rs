@@ -48,7 +48,7 @@ pub struct Explain {
     /// Also render normals.
     #[arg(long)]
     normals: bool,
-    /// Width of the blur of the density from which normals are computed, in sample spacings; 0: no blur.
+    /// Blur of the density before normals are computed: width in sample spacings; 0: no blur.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]

@@ -50,13 +50,14 @@ pub struct Export {
         allow_hyphen_values = true
     )]
     bounds: Option<[f64; 6]>,
-    /// Density of the isosurface, per world unit [default: the surface where rays from free space reach opacity 1/2].
+    /// Export the isosurface of this density, per world unit [default: the surface where rays from free space reach
+    /// opacity 1/2].
     #[arg(long, value_name = "SIGMA")]
     threshold: Option<f32>,
     /// Approximate number of points [default: 200000].
     #[arg(long, value_name = "N")]
     points: Option<usize>,
-    /// Data set at whose views points are found by median distance [default: points sampled on the surface].
+    /// Data set whose views are rendered to place points at median distances [default: points sampled on the surface].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
     /// Split of --data whose views are rendered.
@@ -78,7 +79,8 @@ enum Kind {
 
 /// Memory per cell during mesh extraction, bytes: density, three optical depths of 16 bits, and vertices.
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
-/// Memory per cell of a volume, bytes: density (4) and colour (3), held as values, as bytes, and as an archive.
+/// Memory per cell of a volume, bytes: density (4) and colour (3), held three times: as values, as bytes and as an
+/// archive.
 const BYTES_PER_CELL: u64 = 3 * 7;
 const BYTES_PER_POINT: u64 = 36;
 

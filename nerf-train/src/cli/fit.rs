@@ -68,7 +68,7 @@ pub struct Fit {
     /// Validation views that --snapshots renders, by index from 0 [default: two views].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train only on group N, from 1, of the groups that `check` finds if photographs contradict each other.
+    /// Train only on group N, from 1. If photographs contradict each other, `check` divides them into groups.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]
@@ -77,7 +77,8 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Ray-march steps across the longest side of the scene box (unbounded scene: across the uncontracted ball).
+    /// Ray-march steps across the longest side of the scene box; unbounded scene: across the ball that is not
+    /// contracted.
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
     /// Maximum file size, such as 256k or 1m; table size, levels, storage and occupancy grid are chosen to fit.
@@ -92,7 +93,7 @@ struct Settings {
     /// Random seed.
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Gradient engine: fused (explicit backward passes) or dfdx (slow reference).
+    /// Gradient engine: fused (explicit backward passes) or dfdx (automatic differentiation: slow reference).
     #[arg(long, value_enum)]
     engine: Option<EngineKind>,
     /// Number of hidden layers of the density network; 0: density is read directly from the grid features.
@@ -257,7 +258,7 @@ impl Fit {
 
     /// Checks the options before any data is read. Returns the path of the checkpoint, if one is written.
     fn check(&self) -> anyhow::Result<Option<PathBuf>> {
-        // The settings are checked before the data is read, and again with its background.
+        // The data's background is still unknown. The settings are checked again when it is known.
         self.config(Background::Alpha)?;
         check_threshold(self.effect_threshold)?;
         if let Some(folder) = &self.live {

@@ -46,19 +46,19 @@ pub struct Import {
     /// Prefix of the coarse network's tensors [default: detected].
     #[arg(long, value_name = "PREFIX", requires = "coarse")]
     coarse_prefix: Option<String>,
-    /// Data set on which to measure PSNR, the loss by f16 weights, and whether rendering requires the occupancy grid.
+    /// Data set on which to measure PSNR, the PSNR lost by f16 weights, and whether rendering needs the occupancy grid.
     #[arg(long, value_name = "DATA")]
     check: Option<PathBuf>,
     /// Validation views of --check to evaluate, by index from 0 [default: up to ten views].
     #[arg(long = "view", value_name = "I,J,…", value_delimiter = ',', requires = "check")]
     views: Vec<usize>,
-    /// Allow file_path entries of transforms files that lead out of the folder of --check.
+    /// Allow transforms files to name images outside the folder of --check.
     #[arg(long, requires = "check")]
     outside_files: bool,
     /// Drop view dependence if it raises the PSNR of the views of --check by less than this, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
     effect_threshold: f64,
-    /// Occupancy grid with which the network was trained (.npy, bool [x, y, z] over the box).
+    /// Occupancy grid with which the network was trained: .npy, booleans [x, y, z] over the scene box.
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
     /// Use the grid of --occupancy only to save time: rendering without it is valid, too.
@@ -67,7 +67,7 @@ pub struct Import {
     /// Build no occupancy grid.
     #[arg(long)]
     no_occupancy: bool,
-    /// Camera axes in --check: opengl (looks along −Z) or opencv (looks along +Z) [default: the layout's].
+    /// Camera axes in --check: opengl (looks along −Z) or opencv (looks along +Z) [default: by the data set's layout].
     #[arg(long, value_name = "CONVENTION")]
     axes: Option<Axes>,
     #[command(flatten)]
@@ -127,7 +127,7 @@ impl Import {
             far: Some(self.settings.far),
             cameras: Cameras::Own,
             outside_files: self.outside_files,
-            // The network was trained in the coordinates of the data set's files.
+            // The origin is not moved: the network was trained in the coordinates of the data set's files.
             origin: Some([0.0; 3]),
             ..ReadOptions::default()
         };

@@ -52,7 +52,7 @@ struct Cli {
     help: Option<bool>,
 }
 
-// No doc comments on these variants: they would hide the longer texts of the commands.
+// These variants have no doc comments: clap would show them in place of the commands' own, longer texts.
 #[derive(Debug, Subcommand)]
 enum Command {
     Demo(demo::Demo),

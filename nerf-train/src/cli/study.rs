@@ -136,7 +136,7 @@ impl Study {
         if let Some(output) = output {
             claims = claims.writes(if self.write { "--write" } else { "-o" }, output);
         }
-        // With --write the blob is meant to be replaced by the output.
+        // Only with `--write` may the output replace the input file.
         if !self.write {
             output.map_or(Ok(()), |output| places::check_extension("-o", output, places::BLOB))?;
             claims = claims.reads("the blob", &self.file);

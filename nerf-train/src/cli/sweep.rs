@@ -207,7 +207,7 @@ pub struct SceneSweep {
     /// Samples per ray (networks without a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Steps between two updates of a hashed level, by the gradients summed in between (grids).
+    /// Steps between updates of a hashed level, whose gradients are summed in between (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Random seed [default: the preset's].

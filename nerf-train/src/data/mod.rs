@@ -13,9 +13,9 @@
 //! | a folder with a COLMAP reconstruction in `sparse/0`, `sparse/1`…, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
-//! If several layouts fit a folder, the first of transforms, COLMAP and LLFF is read, or the one that
-//! [`ReadOptions::layout`] names. Coordinates are the file's own, unless the cameras are far from the origin: then the
-//! origin is moved near them ([`Dataset::origin`]).
+//! If several layouts fit a folder, [`ReadOptions::layout`] chooses one. Without a choice, the first that fits of
+//! transforms, COLMAP and LLFF is read. Coordinates are the file's own, unless the cameras are far from the origin:
+//! then the origin is moved near them ([`Dataset::origin`]).
 
 pub mod cameras;
 pub mod demo;
@@ -118,8 +118,8 @@ impl Dataset {
         instead
     }
 
-    /// Sets the origin of a data set whose coordinates are already relative to `origin`. A note and the data set's name
-    /// then state the origin; blobs store this name.
+    /// Sets the origin of a data set whose coordinates are already relative to `origin`. A note states the origin, and
+    /// so does the data set's name, which `.nerf` blobs store.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -247,7 +247,7 @@ impl std::str::FromStr for Cameras {
 /// Suffix of the name of a data set with shared cameras (one camera for each device).
 const SHARED: &str = ", shared cameras";
 
-/// Reads the choice of cameras from the data set's name that a blob stores.
+/// Reads the choice of cameras from `name`, the data set's name in a `.nerf` blob.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
@@ -272,14 +272,15 @@ pub struct ReadOptions {
     /// Factor by which photographs are reduced (`--downscale`). In Blender folders, [`Downscale::Auto`] reduces
     /// nothing.
     pub downscale: Downscale,
-    /// Index, 0 to 7, of the held-out photograph in every eight, by name. Ignored if the data set lists its splits.
+    /// Index, 0 to 7, of the held-out photograph in each run of eight photographs, sorted by name. Ignored if the data
+    /// set lists its splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
-    /// File of shared cameras. If the file belongs to this reconstruction, it is read; otherwise it is written, except
-    /// with `to_measure`. `None`: the cameras are not stored.
+    /// File that stores shared cameras. If it was made from this reconstruction, it is read; otherwise it is written,
+    /// unless `to_measure` is true. `None`: shared cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
-    /// Origin of all coordinates, in the file's world ([`Dataset::origin`]); for an evaluation, the blob's origin.
-    /// `None`: the file's origin, or a point near the cameras if these are far from it.
+    /// Origin of all coordinates, in the file's world ([`Dataset::origin`]). To evaluate a `.nerf` blob, pass its
+    /// origin. `None`: the file's origin, or a point near the cameras if these are far from it.
     pub origin: Option<[f64; 3]>,
     /// Whether the data are read to evaluate an existing field. If true, views of any split suffice; otherwise training
     /// views are required.

@@ -158,7 +158,7 @@ pub enum Background {
 }
 
 impl Background {
-    /// Background of `views`, from their alpha or else from their border pixels.
+    /// Background of `views`: from their alpha or, if all pixels are opaque, from their border pixels.
     pub fn of(views: &[View]) -> Self {
         if views.iter().any(View::has_alpha) {
             return Self::Alpha;

@@ -36,16 +36,16 @@ use nerf_core::space::SceneBox;
 const PRESET_PIXELS: f32 = 175.0;
 /// Largest binary logarithm of a level's number of entries. Already a table of 2^19 entries exceeds a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
-/// Ratio of a scene's pixels to [`PRESET_PIXELS`] above which settings grow no further. A camera near the middle of the
-/// box would give a larger ratio.
+/// Ratio of a scene's pixels to [`PRESET_PIXELS`] above which settings grow no further. This limits the ratio if a
+/// camera is near the middle of the box.
 const MOST_PIXELS: f32 = 8.0;
 /// Multiple to which the number of cells of the finest level is rounded, so that one pixel more does not change it.
 const ROUNDED_CELLS: f32 = 32.0;
 /// Multiple to which the number of march steps across the scene box is rounded.
 const ROUNDED_STEPS: f32 = 10.0;
 
-/// Number of pixels that the longest side of the scene box spans in a photograph, at the distance from the camera to
-/// the box's middle: the median over the training views. `None` if it is not finite, as for a camera at the middle.
+/// Number of pixels that the longest side of the scene box spans in a photograph, if the side is as far from the camera
+/// as the middle of the box. Median over the training views; `None` if the median is not finite.
 pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     let middle = 0.5 * (scene_box.min + scene_box.max);
     let side = (scene_box.max - scene_box.min).max_element();
@@ -86,7 +86,8 @@ const LONG_SECONDS: f64 = 45.0;
 /// Least limit in steps of a long run.
 const LONG_STEPS: u32 = 15_000;
 
-/// Whether a run is long: its limit in seconds and its limit in steps, where set, are at least those of a long run.
+/// Whether a run is long. A limit in seconds, if set, must be at least `LONG_SECONDS`; a limit in steps, if set, must
+/// be at least `LONG_STEPS`.
 pub fn is_long(budget: &Budget) -> bool {
     budget.seconds.is_none_or(|seconds| seconds >= LONG_SECONDS)
         && budget.steps.is_none_or(|steps| steps >= LONG_STEPS)

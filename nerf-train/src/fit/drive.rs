@@ -1,4 +1,4 @@
-//! The loop of steps that fits of scenes and of 2D fields share: budget, validation, checkpoints, Ctrl-C, progress.
+//! Training loop shared by fits of scenes and of 2D fields: budget, validation, checkpoints, Ctrl-C, progress.
 
 use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress};
@@ -8,8 +8,8 @@ use std::time::Instant;
 
 /// Number of steps between two points of the training curve, apart from the points at validations.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Duration of a step, seconds, above which the state is serialised before the next step. A signal during that step
-/// saves this state.
+/// If a step takes longer than this, in seconds, the state is serialised before the next step. A signal during that
+/// step saves this state.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -19,15 +19,16 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Used fraction of the budget at the end of one more step that takes as long as the last, `last_step` seconds.
+    /// Used fraction of the budget after one more step, if it takes `last_step` seconds, as the last step did.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
-    /// Returns the validation due after the fraction `share` of the budget, if any. `ended`: whether no step follows.
+    /// Returns the validation that is due, if any. `share`: used fraction of the budget. `ended`: whether no step
+    /// follows.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
-    /// Adds a point without validation to the training curve at its regular steps, unless the curve has one at this
-    /// step. `ended`: whether no step follows.
+    /// Adds a point without validation to the training curve, if one is due at this step and the curve has none.
+    /// `ended`: whether no step follows.
     fn note(&mut self, ended: bool);
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;
@@ -36,8 +37,8 @@ pub(super) trait Task {
     fn is_worth_keeping(&self) -> bool;
     /// Path and bytes of a checkpoint of the present state; `None` if the run writes no checkpoints.
     fn checkpoint(&self) -> Option<File>;
-    /// Path and bytes of a 2D field's blob, written beside the checkpoint on an interruption. `None` for a scene, or
-    /// without an output file.
+    /// Path and bytes of the 2D field's file, which an interruption writes in addition to the checkpoint. `None` for a
+    /// scene, or without an output path.
     fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
     fn interrupted(&self) -> String;
 

@@ -28,15 +28,16 @@ const MAX_TRAINING_PIXELS: usize = 120_000;
 
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Exported blob: the field after the last step.
+    /// Bytes of the exported file, with the field after the last step.
     pub bytes: Vec<u8>,
-    /// Scores of the blob on all validation views, over `background`; empty without validation views.
+    /// Scores of the exported field on all validation views, rendered over `background`; empty without validation
+    /// views.
     pub scores: Scores,
     /// Scores of the training photographs, in their order, each from a few evenly spaced pixels.
     pub trained: Vec<ViewScore>,
-    /// Spacing of the pixels from which `scores` are computed, in rows and columns; 1 is every pixel.
+    /// Spacing of the scored pixels along rows and columns in `scores`; 1 is every pixel.
     pub lattice: u32,
-    /// Distances of the blob's surfaces from the sparse points that the validation views show.
+    /// Distances between the field's rendered surfaces and the sparse points that the validation views show.
     pub surfaces: Surfaces,
     /// Scores of the validation views from refined poses, at the pixels of `scores`; `None` if poses are not refined.
     pub refined_scores: Option<Scores>,
@@ -49,8 +50,8 @@ pub struct Outcome {
     pub shown: Vec<Shown>,
     /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
-    /// PSNR of an image of one colour, the best colour for each view, dB; mean over the validation views or, without
-    /// any, over some training views. Views that themselves show a single colour are left out.
+    /// PSNR of an image of one colour, dB, with the best colour for each view. Mean over the validation views; without
+    /// any, over some training views. Views that show a single colour themselves are left out.
     pub flat_psnr_db: f64,
     /// Whether no view scores better than an image of one colour: the learning rate was too high, or the steps too few.
     pub flat: bool,
@@ -69,7 +70,7 @@ pub struct Outcome {
     /// Names of the views that were validated during training.
     pub watched: Vec<String>,
     pub snapshots: Vec<Snapshot>,
-    /// Requested steps of snapshots at which none was taken: the run ended earlier, or was resumed from a later step.
+    /// Steps at which a snapshot was requested but not taken: the run ended earlier, or was resumed from a later step.
     pub missed_snapshots: Vec<u32>,
     pub steps: u32,
     /// Number of restarts with another seed after every density had become 0.
@@ -78,7 +79,7 @@ pub struct Outcome {
     pub occupied_share: f32,
     /// Seconds from the start until the last step, reading and validation included.
     pub train_seconds: f64,
-    /// Samples whose density was evaluated, and samples trained on, per second of training.
+    /// Two rates per second of training: samples whose density was evaluated, and samples trained on.
     pub samples_per_second: [f64; 2],
 }
 
@@ -87,7 +88,7 @@ pub struct Shown {
     pub view: usize,
     /// Rendering of the exported field with the view's camera.
     pub frame: Frame,
-    /// Colours of the photograph over the rendering's background, at the pixels of `frame`.
+    /// Colours of the photograph, composited over the rendering's background, at the pixels of `frame`.
     pub truth: Vec<[f32; 3]>,
     pub psnr_db: f64,
 }
@@ -170,7 +171,8 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Scores of a blob on `views` over the run's background. `parameters`: unrounded weights in place of the blob's.
+/// Scores of the field in `blob` on `views`, over the run's background. `parameters`: unrounded weights to use in place
+/// of the stored ones.
 fn scores_of<'v>(
     session: &Session<'_, '_>,
     blob: &[u8],
@@ -228,8 +230,8 @@ fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Opt
     Ok((Some(loss_db), scores.swap_remove(0)))
 }
 
-/// Renders the validation views from the blob `draft`. Returns their scores, the spacing of the scored pixels in rows
-/// and columns, and the renderings for the report.
+/// Renders the validation views from the file bytes `draft`. Returns their scores, the spacing of the scored pixels
+/// along rows and columns, and the renderings for the report.
 fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scores, u32, Vec<Shown>)> {
     let views: Vec<&View> = session.dataset.val.iter().collect();
     let (pixels, largest) = pixels_of(views.iter().copied());
@@ -254,8 +256,8 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Scores of the training photographs, except at masked pixels, within the fraction [`QUESTION_SHARE`] of the time
-/// limit.
+/// Scores of the training photographs without their masked pixels. Takes at most the fraction [`QUESTION_SHARE`] of the
+/// time limit.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -277,8 +279,8 @@ pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Returns the refined poses, and the scores of the validation views rendered from their refined poses; `None` if poses
-/// are not refined.
+/// Refines the validation poses. Returns the refined poses of all views, and the scores of the validation views
+/// rendered from them. Each is `None` if poses are not refined.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -322,7 +324,7 @@ const RAY_VIEWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewDependence {
-    /// PSNR gained by view-dependent colour, dB, on training views: compared with colour for one mean direction.
+    /// PSNR that view-dependent colour gains over colour for one mean direction, dB, on training views.
     pub gain_db: f64,
     pub left_out: bool,
 }

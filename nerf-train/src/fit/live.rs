@@ -23,7 +23,7 @@ use std::time::Instant;
 const VIEWS: usize = 8;
 /// Longest side of the written photographs, pixels.
 const SIDE: usize = 400;
-/// Least number of seconds between two blobs.
+/// Least number of seconds between two writes of the blob.
 const EVERY: f64 = 1.0;
 /// Fraction of the run's time that exporting and writing blobs may take.
 const SHARE: f64 = 0.05;
@@ -101,7 +101,8 @@ impl Live {
         self.last.elapsed().as_secs_f64() >= EVERY.max(self.took / SHARE)
     }
 
-    /// Writes `blob`, whose export began at `begun`. On failure the previous blob stays; the first failure is returned.
+    /// Writes `blob`, whose export began at `begun`. On failure the previous file stays. Only the first failure returns
+    /// a warning for the user.
     pub fn write(&mut self, blob: &[u8], state: &State, begun: Instant) -> Option<String> {
         let written = write(&self.folder, blob, state);
         (self.last, self.took) = (Instant::now(), begun.elapsed().as_secs_f64());

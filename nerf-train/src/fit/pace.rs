@@ -34,7 +34,7 @@ pub struct Pace {
     dense: bool,
 }
 
-/// Smallest odd spacing, in rows and columns, at which at most about `count` of `pixels` pixels are measured.
+/// Smallest odd spacing, along rows and columns, at which at most about `count` of `pixels` pixels are measured.
 ///
 /// Of each block of spacing × spacing pixels, the middle pixel is measured. Only an odd spacing has a middle pixel.
 pub fn lattice_of(pixels: u64, count: f64) -> u32 {
@@ -58,8 +58,8 @@ impl Pace {
         self.seconds.map_or(f64::INFINITY, |seconds| share * seconds)
     }
 
-    /// Seconds that a validation may take if it begins after `now` seconds. All validations together then take at most
-    /// the fraction [`VALIDATION_SHARE`] of `now`.
+    /// Number of seconds that a validation may take if it begins after `now` seconds of the run. All validations
+    /// together then take at most the fraction [`VALIDATION_SHARE`] of `now`.
     pub fn allowance(&self, now: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
@@ -78,14 +78,14 @@ impl Pace {
         self.per_pixel.is_some()
     }
 
-    /// Spacing of the measured pixels, in rows and columns, for validation during training and for comparisons of
-    /// alternatives. `pixels`: number of pixels of all views; `largest`: of the largest view; `seconds`: time for
-    /// rendering.
+    /// Spacing of the measured pixels along rows and columns, for validation during training and for comparisons of
+    /// export candidates. `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view.
+    /// `seconds`: time for rendering.
     pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
     }
 
-    /// Smallest spacing, in rows and columns, at which rendering the views is expected to take at most `seconds`.
+    /// Smallest spacing, along rows and columns, at which rendering the views is expected to take at most `seconds`.
     /// `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view; the spacing keeps at
     /// least about `PROBED_PIXELS` of them.
     pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
@@ -148,7 +148,7 @@ mod tests {
         step: f64,
         file: f64,
         pixel: f64,
-        /// Factor on the seconds of a pixel without the occupancy grid.
+        /// Factor on the seconds per pixel if no occupancy grid is used.
         dense: f64,
     }
 

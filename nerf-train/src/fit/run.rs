@@ -64,8 +64,8 @@ impl RunOptions {
         }
     }
 
-    /// Settings of the learned grid in the checkpoint from which this run resumes, `null` if it has no grid; `None` if
-    /// the run does not resume.
+    /// Settings of the learned grid in the checkpoint from which this run resumes. JSON null if the checkpoint has no
+    /// grid; `None` if the run does not resume.
     pub fn resumed_grid(&self) -> anyhow::Result<Option<Value>> {
         let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(None) };
         // Text that is not JSON is refused later, as settings of another run.
@@ -102,8 +102,7 @@ pub(super) struct Session<'a, 'd> {
     pub(super) pictured: Vec<usize>,
     pub(super) clock: Clock,
     pub(super) pace: Pace,
-    /// Number of pixels of all validation views, and number of pixels at which the training views compare alternatives
-    /// for the export.
+    /// Number of pixels of all validation views, and number of training pixels on which export candidates are compared.
     pub(super) pixels: [u64; 2],
     /// Counters when this command's first step began; above 0 if the run was resumed.
     pub(super) started: Progressed,
@@ -148,7 +147,7 @@ pub fn run(
     run_since(Clock::start(), dataset, config, options, stop)
 }
 
-/// As [`run`], with the time counted from the start of `clock`.
+/// Fits a scene as [`run`] does, with the time counted from the start of `clock`.
 pub fn run_since(
     clock: Clock,
     dataset: &Dataset,

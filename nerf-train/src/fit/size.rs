@@ -21,9 +21,9 @@ const RESOLUTIONS: [u16; 11] = [128, 112, 96, 80, 64, 56, 48, 40, 32, 24, 16];
 /// Largest fraction of a file that the occupancy grid may take. Measured on lego in 128 KiB: 29.2 dB with 32 cells
 /// along a side; 29.7 dB with 48 cells, but fewer levels of the learned grid.
 const OCCUPANCY_SHARE: f64 = 1.0 / 6.0;
-/// Number of adjacent resolutions of the occupancy grid that are compared. The resolution that leaves room for the most
-/// table values is taken. Measured in 128 KiB, 15,000 steps, two seeds: 48 cells leave room for eight levels and give
-/// 31.09 and 30.98 dB; 64 cells leave room for seven levels and give 30.87 and 30.95 dB.
+/// Number of adjacent resolutions of the occupancy grid that are compared. The one that leaves room for the most table
+/// values is taken. Measured in 128 KiB, 15,000 steps, two seeds: 48 cells leave room for eight levels and give 31.09
+/// and 30.98 dB; 64 cells leave room for seven levels and give 30.87 and 30.95 dB.
 const NEIGHBOURS: usize = 3;
 /// Least binary logarithm of the number of entries of a level's table.
 const LEAST_LOG2_ENTRIES: u8 = 4;
@@ -32,9 +32,8 @@ const FEWER_LEVELS: usize = 2;
 /// Number of times that the configured number of entries may be doubled: only for entropy-coded tables, and if the file
 /// has room. Measured on lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 dB with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Least number of bits per entropy-coded value for which a table must have room to be chosen. The second number
+/// Least number of bits per value for which the file must have room if a table is entropy-coded. The second number
 /// applies if no table fits with the first. Quantisation steps are then made as fine as the file's limit allows.
-///
 /// Measured on lego, every tenth training photograph held out; PSNR with 3.9 bits and with 2.0 bits. In 128 KiB: 30.4
 /// and 30.7 dB after 4,000 steps, 31.42 and 31.23 after 8,000, 31.83 and 31.33 after 16,000. In 256 KiB: 33.07 and
 /// 32.69 dB after 30,000 steps.
@@ -57,13 +56,13 @@ pub struct Chosen {
     pub steps: bool,
 }
 
-/// Adapts the settings of the learned grid and the occupancy grid so that the file, with room for a Pareto front, has
-/// at most `max_bytes` bytes, whatever the run learns. `extent`: sides of the scene box, world units. `None` without a
-/// learned grid.
+/// Adapts the settings of the learned grid and the occupancy grid so that the exported file has at most `max_bytes`
+/// bytes. The limit holds whatever the run learns, and includes a Pareto front. `extent`: sides of the scene box, world
+/// units. Returns `None` without a learned grid.
 ///
 /// If the file of `config` is too large and the user did not choose the format of the tables, they are entropy-coded.
 /// Entropy-coded tables have as many values as fit, at most twice as many as configured, and the finest quantisation
-/// steps that fit. No other setting grows. Returns an error if even the smallest file is larger.
+/// steps that fit. No other setting grows. Returns an error if even the smallest file is too large.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -99,11 +98,11 @@ pub fn within(
     Ok(Some(with(&table, resolution)))
 }
 
-/// Adapts the learned grid's settings for a 2D field so that the file has at most `max_bytes` bytes, whatever the run
-/// learns. `size`, `name`: size and name of the fitted picture. `None` without a learned grid.
+/// Adapts the learned grid's settings for a 2D field so that the exported file has at most `max_bytes` bytes, whatever
+/// the run learns. `size`, `name`: size and name of the fitted picture. Returns `None` without a learned grid.
 ///
 /// The number of values is chosen as by [`within`]. The finest level does not change, as it holds the picture's detail.
-/// Returns an error if even the smallest file is larger.
+/// Returns an error if even the smallest file is too large.
 pub fn picture_within(
     config: &FieldConfig,
     chosen: Chosen,
@@ -126,10 +125,10 @@ pub fn picture_within(
     Ok(Some(with(&table)))
 }
 
-/// Returns the table settings with the most values, and a resolution of the occupancy grid, whose file fits into
-/// `max_bytes`. Of several resolutions that leave room for this table, the finest is taken.
+/// Chooses the table settings with the most values that fit into a file of `max_bytes` bytes, and the finest resolution
+/// of the occupancy grid that fits with them. `most_bytes`: returns the size of the largest file for given settings.
 ///
-/// Resolutions are tried in groups of [`NEIGHBOURS`] adjacent ones, the finest group first; the first group with which
+/// Resolutions are tried in groups of [`NEIGHBOURS`] adjacent ones, the finest group first. The first group with which
 /// any table fits is used. Entropy-coded tables may use the remaining bytes.
 fn most_values(
     mut tables: Vec<TableConfig>,
@@ -237,8 +236,8 @@ fn tables(
     all
 }
 
-/// Largest number of occupancy cells along x, y, z. A grid that is carved at half the resolution and then refined may
-/// have more cells than a grid carved at full resolution; the larger number counts.
+/// Largest number of occupancy cells along x, y, z, whether the grid is carved at full resolution or at half the
+/// resolution and then refined.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));

@@ -18,7 +18,8 @@ pub struct SnapshotOptions {
 }
 
 impl SnapshotOptions {
-    /// Indices of the views to render, each once. `watched`: validated views, rendered if no views were named.
+    /// Indices of the views to render, each once. `watched`: views validated during training, taken if the options name
+    /// none.
     pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();

@@ -88,8 +88,8 @@ impl fmt::Display for Stop {
 mod tests {
     use super::*;
 
-    /// Training curve with validations every 100 steps, of these pairs of training and validation PSNR, and a point
-    /// without validation before each.
+    /// Training curve with a validation every 100 steps, and a point without validation before each. `validations`:
+    /// pairs of training and validation PSNR, dB.
     fn curve(validations: &[(f64, f64)]) -> Vec<CurvePoint> {
         let points = validations.iter().zip(1u32..).flat_map(|(&(train_psnr_db, val), i)| {
             let validated = CurvePoint {
@@ -122,7 +122,7 @@ mod tests {
         let rising = curve(&[(20.0, 20.0), (22.0, 21.0), (25.0, 21.5), (28.0, 21.6)]);
         // A dip of the validation PSNR is no stop if the PSNR rises again.
         let dip = curve(&[(20.0, 20.0), (22.0, 18.0), (25.0, 18.0), (28.0, 21.6)]);
-        // A single validation without a rise, the last, is no stop.
+        // One validation without a rise at the end is no stop.
         let one = curve(&[(20.0, 20.0), (22.0, 21.0), (25.0, 22.0), (28.0, 21.0)]);
         assert_eq!([rising, dip, one].map(|curve| Stop::of(&curve)), [None; 3]);
     }

@@ -16,7 +16,7 @@ pub const FINAL_VIEWS: usize = 10;
 const WATCHED_VIEWS: usize = 2;
 /// Number of training views on which alternatives for the export are compared.
 pub(super) const ASKED_VIEWS: usize = 3;
-/// Number of equal parts of the budget, after each of which a validation is done, if no interval is given.
+/// Number of equal parts of the budget. If no interval is given, a validation follows each part.
 const PARTS: f64 = 8.0;
 
 /// Indices of at most `count` of `len` elements, spread over all of them.
@@ -46,7 +46,8 @@ pub(super) struct Due {
     pictures: bool,
 }
 
-/// Returns which of validation and snapshots are due, `None` if neither. `ended`: whether the last step is done.
+/// Returns whether a validation, snapshots or both are due; `None` if neither is. `ended`: whether the last step is
+/// done.
 ///
 /// The decision depends on step, budget and the trainer's state, so that a resumed run validates at the same steps as
 /// an uninterrupted one. With a limit in seconds, the decision also depends on the time that a validation takes.
@@ -98,7 +99,8 @@ fn pictures_are_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool 
     }
 }
 
-/// Measures the present field on the validated views and takes snapshots, all at pixels of one spacing.
+/// Measures the present field on the validated views, and takes snapshots. All views are measured at the same spacing
+/// of pixels.
 pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Result<()> {
     let (begun, seconds) = (Instant::now(), session.clock.seconds());
     let mut point = session.trainer.state.point(seconds, None);
@@ -142,8 +144,8 @@ pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Resul
     Ok(())
 }
 
-/// Measures a blob at every `lattice`-th row and column of `views`, stores the time per pixel, and calls `each` with
-/// each rendering.
+/// Measures the field in the file bytes `bytes` at every `lattice`-th row and column of `views`, and stores the time
+/// per pixel. `each` receives each rendering.
 pub(super) fn measure_priced(
     session: &mut Session<'_, '_>,
     bytes: &[u8],

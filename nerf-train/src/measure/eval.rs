@@ -1,4 +1,4 @@
-//! Evaluation of a blob on held-out views.
+//! Evaluation of a scene file on held-out views.
 
 use crate::data::pictures::colour;
 use crate::data::{SparsePoint, View};
@@ -16,8 +16,8 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Change of PSNR when the occupancy grid is left out, dB, above which the grid is part of the model. Rendering without
-/// the grid is then refused. A little less than the 0.1 dB that the quality preset `Balanced` may lose.
+/// Threshold, dB: if PSNR changes by more when the occupancy grid is left out, the grid is part of the model. Rendering
+/// without the grid is then refused. A little less than the 0.1 dB that the quality preset `Balanced` may lose.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 #[derive(Clone, Debug, Serialize)]
@@ -66,7 +66,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
 /// Renders every view over `background`, and compares it with its photograph over the same background. Masked pixels
 /// are left out.
 ///
-/// Rays begin at the camera, as in host programs, unless the plan limits the range of distances.
+/// Rays begin at the camera, unless the plan limits the range of distances.
 ///
 /// `each` is called with every view, its frame, ground truth and score, in order.
 pub fn evaluate<'v>(
@@ -96,7 +96,7 @@ pub fn evaluate<'v>(
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EvalOptions {
-    /// Background colour; `None`: the background stored in the blob.
+    /// Background colour; `None`: the background stored in the scene file.
     pub background: Option<[f32; 3]>,
     /// PSNR is also measured on every N-th pixel of every N-th row, as in many publications; `None`: not measured.
     pub lattice: Option<u32>,
@@ -136,8 +136,9 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Renders `views` with `plan`, a plan of the blob in `bytes`, and compares each with its photograph, as
-    /// [`evaluate`] does. `split`: name of the views' split; `points`: sparse points, to which surfaces are compared.
+    /// Renders `views` with `plan`, and compares each with its photograph, as [`evaluate`] does. `bytes`: the scene
+    /// file for which `plan` was made; `split`: name of the views' split; `points`: sparse points, to which surfaces
+    /// are compared.
     ///
     /// `each` is called with every view, its frame and score, in order.
     pub fn of<'v>(
@@ -226,9 +227,10 @@ fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
     rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
 }
 
-/// Renders `views` with a blob over `background`, and compares each with its photograph, as [`evaluate`] does.
+/// Renders `views` of the scene file `blob` over `background`, and compares each with its photograph, as [`evaluate`]
+/// does.
 ///
-/// `parameters`: f32 weights in place of the blob's rounded weights; `None`: the blob's weights.
+/// `parameters`: f32 weights in place of the file's rounded weights; `None`: the file's weights.
 pub fn measure<'v>(
     blob: &[u8],
     parameters: Option<&[f32]>,

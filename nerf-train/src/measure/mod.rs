@@ -1,4 +1,4 @@
-//! Measurements of a blob: its contents, its error against photographs, and its cost.
+//! Measurements of a scene file: its contents, its error against photographs, and its cost.
 
 pub mod audit;
 pub mod bench;

@@ -21,7 +21,8 @@ pub struct ViewErrors {
     /// Mean squared error against the exact rendering.
     pub exact_mse: f64,
     pub exact_max: f64,
-    /// Sum over the solid pixels of the absolute difference of `ray_distance` from the exact rendering, world units.
+    /// Absolute error of `ray_distance` against the exact rendering, summed over the pixels of opacity above 1/2, world
+    /// units.
     pub distance_sum: f64,
     pub distance_max: f64,
     pub solid: u64,
@@ -60,7 +61,7 @@ pub enum Origin {
     Exact,
     /// The renderer's default settings.
     Base,
-    /// The default settings with one knob changed. The number is the knob's index in `KNOBS`.
+    /// The default settings with one setting changed. The number is the index of this setting in `KNOBS`.
     Knob(usize),
     Combination,
 }
@@ -74,8 +75,8 @@ pub struct Point {
     pub label: String,
     /// Errors of each view; `None` for a view that was not rendered.
     pub views: Vec<Option<ViewErrors>>,
-    /// Render times, first by round of timing, then by timed view; `None` for a view that the round did not render. A
-    /// study times only some of its views.
+    /// Render times, `[round of timing][timed view]`; `None` for a view that the round did not render. A study times
+    /// only some of its views.
     pub rounds: Vec<Vec<Option<Clocked>>>,
     pub memory: Memory,
 }
@@ -92,7 +93,8 @@ pub struct Totals {
     pub exact_psnr_db: f64,
     /// Largest difference of a colour channel from the exact rendering.
     pub exact_max: f64,
-    /// Mean over the solid pixels of the absolute difference of `ray_distance` from the exact rendering, world units.
+    /// Mean absolute error of `ray_distance` against the exact rendering over the pixels of opacity above 1/2, world
+    /// units.
     pub distance_mean: f64,
     pub distance_max: f64,
     pub counters: Counters,
@@ -203,9 +205,9 @@ fn median(values: &[f64]) -> Option<f64> {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Precision {
-    /// The blob's weights, rounded to f16.
+    /// The scene file's weights, which are rounded to f16.
     Rounded,
-    /// The f32 weights of the blob before rounding.
+    /// The f32 weights before rounding.
     Unrounded,
 }
 
@@ -213,11 +215,11 @@ pub enum Precision {
 pub struct Settings {
     pub quality: Quality,
     pub kernel: Kernel,
-    /// Index of the rendered variant of the blob in `Variants`; 0: the unchanged blob.
+    /// Index in `Variants` of the rendered variant of the scene file; 0: the unchanged file.
     pub variant: usize,
     pub precision: Precision,
-    /// Sides of the rendered picture, in quarters of the view's sides. Below 4, the picture is enlarged after
-    /// rendering.
+    /// Scale of the rendered picture: its sides are `quarters`/4 of the view's. If this is less than 4, the picture is
+    /// enlarged after rendering.
     pub quarters: u32,
     pub rays: u16,
 }

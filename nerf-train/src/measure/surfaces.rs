@@ -12,7 +12,7 @@ use nerf_core::{Kernel, host};
 
 /// Approximate number of pixels per view, on a regular grid, at which depth is measured.
 const ASKED_PIXELS: u64 = 10_000;
-/// Fraction of the distance of a view's nearest sparse point below which a surface is too near.
+/// Fraction of the distance to a view's nearest sparse point; a surface at a smaller distance is too near.
 const TOO_NEAR: f32 = 0.9;
 
 /// Errors of a field's surfaces, which lie at the median distances of rays.
@@ -27,7 +27,8 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// Measures the surfaces of a blob, rendered at the default quality, against the sparse points that `views` show.
+    /// Measures the surfaces of the scene file `bytes`, rendered at the default quality, against the sparse points that
+    /// `views` show.
     pub fn of(bytes: &[u8], kernel: Kernel, views: &[&View], points: &[SparsePoint]) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Self::OUTPUTS, Batch::FULL)?.with_own_bins();

@@ -1,4 +1,4 @@
-//! Export of trained parameters as a blob.
+//! Export of trained parameters as a blob, which is the file that the renderer reads.
 
 use crate::model::coded::without_unread;
 use crate::model::config::TableConfig;
@@ -8,7 +8,7 @@ use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, Stor
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 use std::borrow::Cow;
 
-/// Data from which a blob is written.
+/// Contents of an exported file.
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
     pub architecture: &'a Architecture,
@@ -49,7 +49,7 @@ pub struct Coarse<'a> {
     pub samples: u16,
 }
 
-/// Exported blob, and the number of weights that lost precision.
+/// Exported file, and the number of weights that lost precision.
 #[derive(Clone, Debug)]
 pub struct Exported {
     pub bytes: Vec<u8>,
@@ -73,7 +73,7 @@ pub enum ExportError {
     Blob(BlobError),
 }
 
-/// Rounds the parameters to f16 and the tables to their storage, and writes the blob.
+/// Rounds the parameters to f16 and the tables to their storage, and returns the bytes of the exported file.
 ///
 /// # Errors
 /// [`ExportError`] for a weight beyond f16's range, and for contents that the format refuses.
@@ -141,7 +141,7 @@ struct Rounded {
 }
 
 impl Rounded {
-    /// Appends the layers' parameters as f16. The error has layer, index and value of the first parameter beyond f16.
+    /// Appends the layers' parameters as f16. The error names layer, index and value of the first parameter beyond f16.
     fn round(&mut self, layers: &[Layer], parameters: &[f32]) -> Result<(), (Role, usize, f32)> {
         self.weights.reserve(2 * parameters.len());
         for layer in layers {

@@ -101,7 +101,7 @@ impl FieldPreset {
 }
 
 impl FieldConfig {
-    /// Sets the finest level to one cell per pixel of an image of this size.
+    /// Sets the finest level of the grid to one cell per pixel of an image of this size.
     pub fn for_picture(mut self, size: [u32; 2]) -> Self {
         if let Some(grid) = &mut self.grid {
             grid.finest = longest(size).min(MAX_GRID_RESOLUTION.into()) as u16;
@@ -110,7 +110,7 @@ impl FieldConfig {
         self
     }
 
-    /// Checks every setting, and those of the grid against an image of this size, pixels.
+    /// Checks every setting, and whether the grid suits an image of this size, pixels.
     pub fn check_for(&self, size: [u32; 2]) -> Result<(), ConfigError> {
         self.check()?;
         let Some(grid) = &self.grid else { return Ok(()) };

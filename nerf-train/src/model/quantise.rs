@@ -15,8 +15,8 @@ pub enum TableStorage {
     F16,
     /// Values are stored as one byte each, with one quantisation step per level: half the size of f16.
     Int8,
-    /// Values are stored as entropy-coded bytes, with quantisation steps at least as coarse as int8's. A host decodes
-    /// them into memory when it opens the file.
+    /// Values are stored as entropy-coded bytes, with quantisation steps at least as coarse as int8's. They must be
+    /// decoded into memory before rendering.
     Coded,
 }
 
@@ -36,7 +36,8 @@ impl From<TableStorage> for Rounding {
 /// Fraction of a run after which training, too, rounds tables that are exported as int8 or coded. The remaining steps
 /// compensate for the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fractions of a level's values that the candidate steps leave unclipped; the largest magnitudes are clipped.
+/// Fractions of a level's values that are not clipped, one per candidate step. Values of the largest magnitudes are
+/// clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -97,7 +98,7 @@ impl Quantised {
 /// Decodes stored tables to the values that a renderer reads.
 ///
 /// # Panics
-/// If the tables are not those of a blob with this grid.
+/// If `tables` does not fit `grid`.
 pub fn values_of(grid: &GridEncoding, tables: StoredTables<'_>) -> Vec<f32> {
     let (scales, bytes) = match tables {
         StoredTables::F16(bytes) => {
@@ -180,7 +181,8 @@ mod tests {
     fn each_level_has_its_own_scale_and_is_half_a_step_off_at_most() {
         let grid = grid(&[[4, 4, 4], [9, 9, 9]]);
         let first = 2 * grid.levels().nth(1).expect("two levels").first;
-        // The values are spread evenly over ±1e-3 and ±100, so that clipping would not lower the error.
+        // Values are spread evenly over ±1e-3 in the first level and ±100 in the second. Clipping would not lower the
+        // error.
         let values: Vec<f32> = (0..grid.values())
             .map(|i| ((i * 7919 % 1009) as f32 / 504.0 - 1.0) * if i < first { 1e-3 } else { 100.0 })
             .collect();

@@ -20,7 +20,7 @@ pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
             return Vec::new();
         }
         let count = last - first + 1.0;
-        // Beyond 2^53 steps from zero neighbouring ticks would coincide.
+        // Beyond 2^53 steps from zero, neighbouring ticks would coincide.
         if count <= most as f64 && first.abs().max(last.abs()) < 9e15 {
             return (0..count.max(0.0) as usize).map(|i| (first + i as f64) * step).collect();
         }
@@ -37,7 +37,8 @@ pub fn labels(ticks: &[f64]) -> Vec<String> {
     if largest == 0.0 {
         return vec!["0".to_owned(); ticks.len()];
     }
-    // Decimals down to the first digit of the step. A lone tick gets two more, for three significant digits.
+    // Decimals down to the first digit of the distance between ticks. A lone tick gets two more, for three significant
+    // digits.
     let lone = if ticks.len() < 2 { 2 } else { 0 };
     let decimals = (-(step.log10() + 1e-9).floor()) as i64 + lone;
     if largest >= 1e6 || decimals > 5 {

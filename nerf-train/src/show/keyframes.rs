@@ -49,7 +49,7 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     (0..frames).map(frame).collect()
 }
 
-/// Rotations of the keyframes as quaternions, each with the sign that is nearer to its predecessor.
+/// Rotations of the keyframes as quaternions, each with the sign (q or −q) that is nearer to its predecessor.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {

@@ -5,7 +5,8 @@ use nerf_core::blob::{SceneFacts, Viewpoint};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::f32::consts::TAU;
 
-/// Largest elevation of an orbit through a viewpoint, degrees. A given `up` direction can make the elevation too steep.
+/// Limit of the elevation of an orbit through the photographs' viewpoint, degrees. An unusual `up` direction would
+/// otherwise give a steep orbit.
 const STEEPEST: f32 = 80.0;
 
 /// Circle of cameras, or an arc of one, around a centre at which all cameras look.
@@ -24,8 +25,8 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// Orbit through the viewpoint of the photographs, if the blob has one. Otherwise an orbit around the middle of the
-    /// scene box, whose radius is the mean of near and far. `up`: up direction; `None`: the viewpoint's, or +z.
+    /// Orbit through the viewpoint of the photographs, if the scene file has one. Otherwise an orbit around the middle
+    /// of the scene box, whose radius is the mean of near and far. `up`: up direction; `None`: the viewpoint's, or +z.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {

@@ -67,8 +67,8 @@ impl Table {
         })
     }
 
-    /// Lines of the table, with cells changed by `tidy` and padded. `rule` returns the line below a column's name,
-    /// given whether the column is right-aligned, and its width.
+    /// Lines of the table. `tidy` changes each cell before padding. `rule` returns the line below a column's name; its
+    /// arguments are whether the column is right-aligned, and the column's width.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,

@@ -12,7 +12,7 @@ pub struct Writer {
     pub output: Output,
     /// Colour range of a distance in a video, world units.
     pub range: Option<(f32, f32)>,
-    /// Whether colour is written with alpha; a video has none.
+    /// Whether colour is written with alpha; videos never have alpha.
     pub transparent: bool,
     pub sink: Sink,
 }

@@ -22,8 +22,8 @@ static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
 #[derive(Debug)]
 struct Process {
     child: Child,
-    /// Exit status; `None` until the child has been waited for. Until then, the system does not reuse its process
-    /// number.
+    /// Exit status; `None` until the child has been waited for. Until then, the system does not reuse the child's
+    /// process number.
     status: Option<ExitStatus>,
 }
 

@@ -23,7 +23,7 @@ pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
 /// Size limit of a checkpoint, bytes: more than the largest settings need.
 pub const MAX_CHECKPOINT_BYTES: u64 = 3 << 30;
 
-/// Time without a byte after which reading a pipe or device fails, also before the first byte.
+/// Reading a pipe or device fails if no byte arrives for this time, also before the first byte.
 const MAX_SILENCE: Duration = Duration::from_secs(60);
 const PIECE_BYTES: usize = 1 << 16;
 

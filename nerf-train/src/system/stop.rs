@@ -24,8 +24,8 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-/// Time that the owner of a [`Claim`] has, after dropping the claim on a signal, to report what it saved and to end the
-/// process.
+/// Time limit for the owner of a [`Claim`] to report what it saved and to end the process. It starts when the owner
+/// drops the claim after a signal.
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// Time limit for the work of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
@@ -101,7 +101,8 @@ impl Claim {
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        // The lock keeps the signal thread waiting. At `Nothing` it ends the process at once, at `Answered` it waits.
+        // The signal thread waits for this lock. If it then finds `Nothing`, it ends the process at once; if it finds
+        // `Answered`, it first waits for the owner.
         let mut now = lock(&STATE);
         *now = if requested() { State::Answered } else { State::Nothing };
         drop(now);
@@ -109,7 +110,7 @@ impl Drop for Claim {
     }
 }
 
-/// Contents of a [`Note`]: message to print on a signal if no work is claimed, and work to do before.
+/// Contents of a [`Note`]: message to print on a signal if no work is claimed, and work to do before it is printed.
 struct Words {
     message: String,
     /// Work to do before the message, with its name in the message.
@@ -204,8 +205,8 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     std::process::exit(128 + signal)
 }
 
-/// Blocks until the process ends, if a signal is being handled. An error of the command is then not reported: its cause
-/// may be that the signal thread ended a child process or removed a temporary file.
+/// Blocks until the process ends, if a signal is being handled. Errors of the command are then not reported: the signal
+/// thread may have caused them, by ending a child process or removing a temporary file.
 pub fn leave_to_signal() {
     while requested() && !matches!(*lock(&STATE), State::Answered) {
         std::thread::park();

@@ -4,35 +4,36 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Largest horizon of the average, as a fraction of the updates so far. The parameters of the first steps, which
-/// describe no scene yet, are thereby soon forgotten.
+/// Largest time constant `1 / (1 - decay)` of the average, in updates, as a fraction of the updates so far. The average
+/// thereby soon forgets the parameters of the first steps, which describe no scene yet.
 const REACH: f64 = 1.0 / 9.0;
-/// Number of parameters that one task averages.
+/// Number of parameters that one parallel task averages.
 const PART: usize = 1 << 14;
 
 /// Exponential moving average of the network's parameters over a run's last steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Average {
     decay: f64,
-    /// Steps between two updates.
+    /// Number of training steps between two updates of the average.
     every: u32,
     updates: u32,
     values: Vec<f32>,
 }
 
 impl Average {
-    /// Creates an average of `parameters` parameters, updated every `every` steps. `decay`: factor per step; 0 keeps no
-    /// average.
+    /// Creates an average of `parameters` values, updated every `every` steps. `decay`: factor of the old average per
+    /// step; if 0, no average is kept.
     pub fn new(decay: f64, every: u32, parameters: usize) -> Self {
         let values = vec![0.0; if decay > 0.0 { parameters } else { 0 }];
         Self { decay: decay.powi(every as i32), every, updates: 0, values }
     }
 
-    /// Whether this average, from a checkpoint after `steps` steps, fits a run that begins with the average `other`.
+    /// Whether this average, read from a checkpoint of step `steps`, fits the run: finite values, the number of updates
+    /// due by then, and the shape of the run's own average `other`.
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
         let shape = |average: &Self| (average.decay, average.every, average.values.len());
-        // No division by 0: both intervals are equal here, and no run has an interval of 0 steps.
+        // `every` is not 0 here: it equals that of `other`, and no run has an interval of 0 steps.
         let counted = || self.values.is_empty() || self.updates == steps / self.every;
         finite && shape(self) == shape(other) && counted()
     }
@@ -41,7 +42,8 @@ impl Average {
         self.updates = 0;
     }
 
-    /// Adds the parameters after `steps` steps if an update is due in that step; `parameters` is called only then.
+    /// Updates the average if `steps`, the number of steps done, is a multiple of the interval. Only then is
+    /// `parameters` called, which returns the present parameters.
     pub fn update<'p>(&mut self, steps: u32, parameters: impl FnOnce() -> Cow<'p, [f32]>) {
         if self.values.is_empty() || !steps.is_multiple_of(self.every) {
             return;
@@ -58,7 +60,7 @@ impl Average {
         });
     }
 
-    /// The average; `None` if none is kept, or before the first update.
+    /// The averaged parameters; `None` before the first update, or if no average is kept.
     pub fn values(&self) -> Option<&[f32]> {
         (self.updates > 0).then_some(&self.values)
     }

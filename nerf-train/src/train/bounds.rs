@@ -18,14 +18,13 @@ pub struct Bounds {
     pub far: f32,
     pub scene_box: SceneBox,
     pub contraction: Option<Contraction>,
-    /// Distance from each camera of an unbounded scene within which space is taken as empty, world units;
-    /// [`View::near`] may be larger.
+    /// In an unbounded scene, space nearer to a camera than this distance is taken as empty; world units.
     pub empty_before: f32,
 }
 
 impl Bounds {
-    /// Width of a marched step, world units: 1/`steps_across` of the longest side of the scene box or, in an
-    /// unbounded scene, of the diameter of the ball that is not contracted.
+    /// Length of a step of the ray march, world units. In a bounded scene, `1 / steps_across` of the longest side of
+    /// the scene box; in an unbounded scene, of the diameter of the uncontracted ball.
     pub fn step(&self, steps_across: u16) -> f32 {
         let across = match self.contraction {
             Some(contraction) => 2.0 * contraction.radius(),
@@ -34,7 +33,7 @@ impl Bounds {
         across / f32::from(steps_across)
     }
 
-    /// Sampling, as stored in the blob, of rays that are marched in steps of [`Self::step`].
+    /// Description, stored in the exported file, of a ray march in steps of [`Self::step`].
     pub fn sampling(&self, steps_across: u16) -> SceneSampling {
         match self.contraction {
             Some(contraction) => SceneSampling::Contracted {
@@ -46,21 +45,22 @@ impl Bounds {
     }
 }
 
-/// Cells along the longest side of a first, coarse visual hull, from which only the scene box is found.
+/// Number of cells along the longest side of a coarse visual hull. Only the scene box is computed from this hull.
 const COARSE_HULL: u16 = 64;
-/// Distance from each camera within which an unbounded scene without sparse points is taken as empty, in radii of the
-/// uncontracted ball.
+/// In an unbounded scene without sparse points, space nearer to a camera than this is taken as empty. Unit: radii of
+/// the uncontracted ball.
 const NEAR_RADII: f32 = 0.1;
 /// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
-/// Least distance between two cameras that must see a cell for it to be occupied, in radii of the uncontracted ball.
+/// Least distance between the two cameras that must see a cell before it counts as occupied, in radii of the
+/// uncontracted ball.
 const APART_RADII: f32 = 0.05;
-/// Quantile of the distances from cameras to points they see, and a factor. Space nearer than their product is empty.
+/// Space is taken as empty up to this distance from a camera. First number: quantile of the distances from cameras to
+/// the points they see. Second number: factor on that quantile.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
-/// Quantile of the distances from cameras to the points they see, and a factor. Their product is the radius of the
-/// uncontracted ball if all cameras look nearly the same way.
+/// Radius of the uncontracted ball if all cameras look nearly the same way; numbers as in [`ALL_VIEWS`].
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Quantile of the distances from cameras to the points they see, and a factor. Rays end at their product.
+/// Distance at which rays end; numbers as in [`ALL_VIEWS`].
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.
@@ -78,7 +78,7 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     }
     let given = match s.scene_box {
         Some([x0, y0, z0, x1, y1, z1]) => {
-            // The settings use the coordinates of the data set's files.
+            // The settings state the box in the coordinates of the data set's files.
             let here =
                 |corner: [f32; 3]| (Vec3::from(corner).as_dvec3() - DVec3::from(dataset.origin)).as_vec3();
             Some(SceneBox::new(here([x0, y0, z0]), here([x1, y1, z1]))?)
@@ -88,7 +88,7 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     let cameras: Vec<_> = dataset.cameras().copied().collect();
     let wide = match (given, proposed) {
         (Some(given), _) => given,
-        // Without an occupancy grid nothing is skipped: every sample of every ray is inside the box.
+        // Without an occupancy grid no sample may be skipped: the box holds all that cameras see between near and far.
         _ if !g.skip => frusta_box(&cameras, near, far)?,
         (None, proposed) => proposed.ok_or_else(missing)?.scene_box,
     };
@@ -97,8 +97,8 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     Ok(Bounds { near, far, scene_box, contraction: None, empty_before: near })
 }
 
-/// Bounds of an unbounded scene. The uncontracted ball is centred on the point that the cameras look at or, if they all
-/// look in nearly the same direction, on the cameras.
+/// Bounds of an unbounded scene. The uncontracted ball is centred on the point that the cameras look at. If all cameras
+/// look in nearly the same direction, the centre is the mean of their positions.
 fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
@@ -130,13 +130,15 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction), empty_before })
 }
 
-/// Visual hull at `resolution`; `None` if it is off, or if the photographs do not show what is background.
+/// Visual hull with `resolution` cells along the longest side. `None` if the settings turn the hull off, or if the
+/// photographs do not show what is background.
 fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -> Option<Occupancy> {
     let g = &config.occupancy;
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// Returns the bounds of [`find_box`], and the first occupancy grid; no grid if the settings turn occupancy off.
+/// Returns the bounds found by [`find_box`], and the first occupancy grid. The grid is `None` if the settings turn
+/// occupancy off.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
@@ -144,7 +146,8 @@ pub(crate) fn find_bounds(
 ) -> Result<(Bounds, Option<Occupancy>), TrainError> {
     let bounds = find_box(dataset, config)?;
     let scene_box = bounds.scene_box;
-    // A hull of half the resolution takes an eighth of the time; updates from the network refine it.
+    // For a learned grid, the hull is carved at half the resolution, in an eighth of the time. Updates from the network
+    // refine it later.
     let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);
     let carved = || match config.network.grid {
         Some(_) => hull(dataset, config, scene_box, resolution.div_ceil(2)).map(|hull| hull.halved()),
@@ -158,7 +161,8 @@ pub(crate) fn find_bounds(
     Ok((bounds, occupancy))
 }
 
-/// First occupancy grid of an unbounded scene: cells that two cameras see and no line of sight proves empty.
+/// First occupancy grid of an unbounded scene. A cell is occupied if two cameras see it and no line of sight proves it
+/// empty.
 fn seen(
     dataset: &Dataset,
     config: &Config,

@@ -1,7 +1,7 @@
 //! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Runs with the same output share a checkpoint file; [`Checkpoint::check_belongs`] refuses the checkpoint of another
-//! run.
+//! Runs that write the same output use the same checkpoint file. [`Checkpoint::check_belongs`] refuses a checkpoint of
+//! another run.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -28,10 +28,10 @@ const MOST_BYTES: u64 = 20 * MAX_TABLE_VALUES as u64 + 9 * (MAX_OCCUPANCY_RESOLU
 // The limit for reading is above the size of any checkpoint that is written.
 const _: () = assert!(MOST_BYTES + (64 << 20) <= MAX_CHECKPOINT_BYTES);
 
-/// State, between two steps, of a fit of a scene or of a 2D field.
+/// State of a fit of a scene or 2D field, taken between two steps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint {
-    /// Settings of the run, as `settings` writes them.
+    /// Settings of the run as JSON, written by the function `settings`.
     pub config: String,
     pub data: String,
     pub fingerprint: u64,
@@ -40,7 +40,7 @@ pub struct Checkpoint {
     pub seconds: f64,
 }
 
-/// Parts of a run's state that change from step to step; the state of the optimiser is stored beside them.
+/// Parts of a run's state that change from step to step, except the optimiser's state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     pub average: Average,
@@ -82,7 +82,7 @@ impl Checkpoint {
         write_atomic(path, &self.to_bytes())
     }
 
-    /// Bytes of a checkpoint file: magic number and version, checksum, state.
+    /// Contents of a checkpoint file: magic number with version, checksum, serialised state.
     pub fn to_bytes(&self) -> Vec<u8> {
         // Serialising plain data to memory cannot fail.
         let body = postcard::to_stdvec(self).expect("plain data");
@@ -108,10 +108,11 @@ impl Checkpoint {
         }
     }
 
-    /// Returns an error, which names the first difference, if the checkpoint is of a run with other data or settings.
+    /// Returns an error if the checkpoint is of a run with other data or settings. The error names the first
+    /// difference.
     ///
-    /// `config`: settings as `settings` writes them; `data`: name and fingerprint of the data set. Limits on steps and
-    /// time may differ, so that a run can be continued.
+    /// `config`: settings as JSON, from the function `settings`. `data`: name and fingerprint of the data set. Limits
+    /// on steps and time are not compared: a run may be continued with other limits.
     pub fn check_belongs(&self, path: &Path, config: &str, data: (&str, u64)) -> anyhow::Result<()> {
         let other = |field: &str, expected: &str, found: &str| {
             let path = path.display();
@@ -126,7 +127,7 @@ impl Checkpoint {
             let text = |print: u64| format!("pictures and cameras {print:016x}");
             return Err(other("data", &text(data.1), &text(self.fingerprint)));
         }
-        // Text that is not JSON differs as a whole.
+        // Text that is not JSON becomes null, and differs as a whole.
         let tree = |config: &str| serde_json::from_str::<Value>(config).unwrap_or_default();
         match difference(&tree(config), &tree(&self.config)) {
             Some((field, expected, found)) => Err(other(&field, &expected, &found)),
@@ -134,8 +135,9 @@ impl Checkpoint {
         }
     }
 
-    /// Returns the name of the first part that cannot belong to a run with `average`: counters, averaged parameters or
-    /// curve. `None` if all fit. A valid checksum does not prove that this program wrote the file.
+    /// Checks the counters, averaged parameters and curve, since a valid checksum does not prove that this program
+    /// wrote the file. `average`: the run's own average. Returns the name of the first part that does not fit; `None`
+    /// if all fit.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -157,8 +159,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Settings that a resumed run must share, as JSON, since TOML has no u64 for the seed. The number of steps is left
-/// out. With a learned grid the number of samples is left out, too: it follows from the march steps across the box.
+/// Settings that must not change when a run is resumed, as JSON (TOML has no u64 for the seed). The number of steps may
+/// change. For a learned grid, the number of samples is left out, too: it follows from other settings.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();
@@ -168,7 +170,8 @@ pub(crate) fn settings(config: &impl Serialize) -> String {
     tree.to_string()
 }
 
-/// First field that differs: its path, as `network.width`, and its values in `now` and `then`; `None` if equal.
+/// Finds the first field that differs. Returns its path, such as `network.width`, and its values in `now` and `then`;
+/// `None` if all fields are equal.
 pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {

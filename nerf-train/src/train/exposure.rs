@@ -13,7 +13,8 @@ const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: in the first [`TRIAL`] steps, and afterwards.
 const RATES: [f32; 2] = [5e-3, 1e-3];
 
-/// Exposure gains of the training photographs. A gain of 1 is the mean exposure, which the field has.
+/// Exposure gains of the training photographs, relative to their mean exposure. The field is trained at the mean
+/// exposure, which has gain 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gains {
     log: LogGains,
@@ -27,11 +28,12 @@ pub struct Gains {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExposureFound {
-    /// Standard deviation of the log gains over the photographs, natural logarithm.
+    /// Standard deviation, over the photographs, of the natural logarithm of the gain.
     pub spread: f64,
-    /// Whether the gains were measured at key points of a reconstruction, not learned in the run's first steps.
+    /// Whether the gains were measured at key points of a reconstruction. Otherwise they were learned in the run's
+    /// first steps.
     pub by_tracks: bool,
-    /// Whether gains of each photograph are learned in the rest of the run.
+    /// Whether one gain per photograph is learned in the rest of the run.
     pub fitted: bool,
     /// Index and log gain of the view whose gain is farthest from the mean. `None` if even this gain differs from the
     /// mean by less than a factor of 2.
@@ -45,7 +47,7 @@ impl ExposureFound {
         Self { spread, by_tracks, fitted, outlier }
     }
 
-    /// Describes the spread and, if there is one, the outlier, for the user. `views`: the training photographs.
+    /// Message for the user about the spread of exposures and the outlier, if any. `views`: the training photographs.
     pub fn in_words(&self, views: &[View]) -> String {
         let by = if self.by_tracks { "key points" } else { "the first steps" };
         let percent = 100.0 * (self.spread.exp() - 1.0);
@@ -65,7 +67,8 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Returns the gains to learn, if any, and the exposures measured at key points, if there are key points.
+    /// Returns the gains to learn, `None` if all photographs share one exposure. Also returns the exposures measured at
+    /// key points, `None` without key points.
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,
@@ -93,17 +96,18 @@ impl Gains {
         Self { log, moment1: zeros.clone(), moment2: zeros, steps: 0, on_trial: true, own }
     }
 
-    /// Fills `factors` with the gain in red, green and blue of each ray of a batch. `views`: the rays' photographs.
+    /// Fills `factors` with the gain of each ray in red, green and blue. `views`: index of each ray's photograph.
     pub fn factors(&self, views: &[u32], factors: &mut Vec<[f32; 3]>) {
         let of_view: Vec<[f32; 3]> = self.log.0.iter().map(|log| log.map(f32::exp)).collect();
         factors.clear();
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// Does one Adam step of the log gains, and shifts their mean to 0. `gradients`: of the loss, one per photograph.
+    /// Does one Adam step of the log gains, and shifts their mean to 0. `gradients`: for each photograph, the gradient
+    /// of the loss with respect to its log gains.
     ///
-    /// Returns the finding about exposure after step `TRIAL`, else `None`. If it is not `fitted`, the gains must be
-    /// discarded.
+    /// Returns the finding about exposure after step `TRIAL`; `None` after other steps. If the finding is not `fitted`,
+    /// the caller must discard the gains.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

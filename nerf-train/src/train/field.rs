@@ -50,7 +50,7 @@ impl<'p> FieldTrainer<'p> {
     /// Does one training step. `share`: used fraction of the budget, which sets the learning rate.
     ///
     /// # Errors
-    /// [`TrainError::Engine`] if the step diverged; the run is then as before it.
+    /// [`TrainError::Engine`] if the step diverged; the run is then unchanged.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         self.draw();
         if let Some(grid) = self.config.grid.as_ref().filter(|grid| grid.is_rounded(share)) {
@@ -65,8 +65,8 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Fills the batch with random pixels of the picture, each at its centre. With a learned grid the pixels are in the
-    /// picture's order, so that neighbours in the batch read neighbouring table entries.
+    /// Fills the batch with random pixels of the picture, sampled at their centres. If the field has a learned grid,
+    /// the pixels are in row-major order, so that neighbours in the batch read neighbouring table entries.
     fn draw(&mut self) {
         let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;
@@ -104,7 +104,7 @@ impl<'p> FieldTrainer<'p> {
         self.state.progressed.step
     }
 
-    /// Exports the present field as a blob, with its PSNR `psnr_db` if known.
+    /// Exports the present field as the bytes of a file. `psnr_db`: PSNR of the field, stored in the file if known.
     pub fn export(&self, psnr_db: Option<f64>) -> Result<Exported, TrainError> {
         let parameters = self.state.average.values().map_or_else(|| self.engine.parameters(), Cow::Borrowed);
         let [width, height] = self.photo.size();

@@ -31,11 +31,12 @@ pub use trainer::{Trainer, candidate};
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
-    /// Number of samples whose density was evaluated. Without a learned grid, all of them are also trained on.
+    /// Number of samples whose density was evaluated. If the field has no learned grid, all of them are also trained
+    /// on.
     pub evaluated: u64,
     pub samples: u64,
-    /// Smoothed number of samples per ray, from which the number of rays in a batch follows. With a learned grid,
-    /// samples that were trained on; else samples in occupied cells.
+    /// Smoothed number of samples per ray, used to choose the number of rays in a batch. If the field has a learned
+    /// grid, the samples that were trained on are counted; otherwise, all samples in occupied cells.
     live_per_ray: f64,
     /// Smoothed mean squared error of the training rays; NaN before the first step.
     pub mse: f64,
@@ -57,10 +58,10 @@ pub struct CurvePoint {
     pub seconds: f64,
     /// Smoothed PSNR of the training rays, dB.
     pub train_psnr_db: f64,
-    /// Mean PSNR of the validation views measured in this step, dB; `None` without a validation.
+    /// Mean PSNR of the validation views measured in this step, dB; `None` if none was measured.
     pub val_psnr_db: Option<f64>,
     pub val_views: u32,
-    /// Spacing of the pixels measured in validation views, in rows and columns; 1 measures every pixel.
+    /// Spacing of the measured pixels along the rows and columns of a validation view; 1 measures every pixel.
     pub val_lattice: u32,
 }
 
@@ -74,7 +75,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Path of the snapshot's image in the report's `folder`; `dataset`: the view's data set.
+    /// Path of the snapshot's image. `folder`: folder of the report; `dataset`: data set with the view.
     pub fn path(&self, folder: &Path, dataset: &Dataset) -> PathBuf {
         let names = FileNames::of(&dataset.val);
         folder.join("snapshots").join(format!("step_{:06}_{}.png", self.step, names.at(self.view)))

@@ -21,28 +21,29 @@ use std::ops::Range;
 
 /// Number of steps between two updates of the masks.
 const EVERY: u32 = 500;
-/// Least number of training photographs of a run that masks moving objects.
+/// Least number of training photographs with which a run masks moving objects.
 const FEWEST_VIEWS: usize = 8;
-/// Largest number of patches along the longer side of a photograph, and in all photographs together. More patches would
-/// get too few rays each.
+/// Limits on the number of patches: along the longer side of a photograph, and in all photographs together. With more
+/// patches, each would get too few rays.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
-/// Least number of rays in 3 × 3 patches from which the error of the middle patch is computed.
+/// The error of a patch is computed only if its 3 × 3 neighbourhood has at least this number of rays.
 const KNOWN: f32 = 8.0;
-/// Limits of the error above which a patch belongs to a region: a multiple of the median error of all patches, and an
-/// error for colours of 0 to 1. The larger limit applies. Errors are root mean squares over the channels.
+/// Error above which a patch belongs to a region: the larger of two limits. First number: multiple of the median error
+/// of all patches. Second number: root-mean-square error over the channels, for colours of 0 to 1.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// Limits of a masked region: its mean error is at least the first number, and this mean times the region's fraction of
-/// the photograph is at least the second. Measured regions of static scenes have means up to 0.116 and products up to
-/// 0.0084. Figures of one colour in front of these scenes have means of 0.13 to 0.3 and products of at least 0.015.
+/// Limits of a masked region. Its mean error is at least the first number. The mean error times the region's fraction
+/// of the photograph is at least the second number. Regions measured in static scenes have means up to 0.116 and
+/// products up to 0.0084. Single-coloured figures in front of these scenes have means of 0.13 to 0.3 and products of at
+/// least 0.015.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
-/// Number of nearest cameras with whose photographs a region is compared.
+/// Number of nearest cameras whose photographs a region is compared with.
 const NEIGHBOURS: usize = 2;
-/// Fraction of a region's patches. If this fraction also has large errors in the photograph of one of the nearest
-/// cameras, the field is wrong there, and the region is not masked.
+/// Fraction of a region's patches. If at least this fraction also has large errors in the photograph of one of the
+/// nearest cameras, the field is wrong there, and the region is not masked.
 const SHARED: f32 = 0.5;
-/// Fraction of all patches above which nothing is masked: the capture as a whole is then wrong, not one object.
+/// If more than this fraction of all patches would be masked, none is: the whole capture is then wrong, not one object.
 const MOST: f32 = 0.3;
 
 /// Division of a photograph into patches.
@@ -64,7 +65,8 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// Index of the patch of this photograph at the same relative position as patch `patch` of the photograph `other`.
+    /// Maps patch `patch` of another photograph, `other`, to the patch at the same relative position in this
+    /// photograph.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -84,7 +86,7 @@ impl Tiles {
     }
 }
 
-/// Errors of the patches of the training photographs since the last update of the masks, and which patches are masked.
+/// Masks of the training photographs, and the errors of their patches since the last update of the masks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moving {
     tiles: Vec<Tiles>,
@@ -106,7 +108,8 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// Masks the pixels of `mask` in `view`, so that its scores leave them out, unless no pixel would be left.
+    /// Masks the moved object's pixels in `view`, so that scores leave them out. Does nothing if no pixel would be
+    /// left.
     pub fn leave_out_of(&self, view: &mut View) {
         let counts: Vec<bool> =
             self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
@@ -146,7 +149,7 @@ pub fn in_words(moved: &[Moved]) -> Vec<String> {
 }
 
 impl Moving {
-    /// State without a mask; `None` if masks are off in the settings, or with fewer than eight photographs.
+    /// Initial state, with nothing masked. `None` if the settings turn masks off, or with fewer than eight photographs.
     pub fn of(views: &[View], setting: MovingObjects) -> Option<Self> {
         if setting == MovingObjects::Off || views.len() < FEWEST_VIEWS {
             return None;
@@ -157,7 +160,7 @@ impl Moving {
         Some(Self { tiles, neighbours, sums: vec![[0.0; 4]; patches], masked: vec![false; patches] })
     }
 
-    /// Whether this state, from a checkpoint that may hold anything, fits the photographs `views` and is finite.
+    /// Whether this state, read from an untrusted checkpoint, fits the photographs `views` and is finite.
     pub fn is_of(&self, views: &[View]) -> bool {
         let patches = self.tiles.last().map_or(0, |tiles| tiles.range().end);
         (&self.tiles, &self.neighbours) == (&tiles(views), &neighbours(views))
@@ -175,7 +178,8 @@ impl Moving {
         }
     }
 
-    /// Adds the colour errors of a batch's rays, each with the ray's index in the batch, to the sums of their patches.
+    /// Adds colour errors of rays to the sums of their patches. `errors`: index of a ray in `batch`, and its error in
+    /// red, green and blue.
     pub fn add<'e>(&mut self, batch: &Batch, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
         for &(ray, [r, g, b]) in errors {
             let at = batch.views.get(ray as usize).zip(batch.pixels.get(ray as usize));
@@ -217,8 +221,9 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph: mean colour error of the 3 × 3 patches around it minus the photograph's
-    /// median, root mean square over the channels. `None` if these patches have fewer than `KNOWN` rays.
+    /// Error of each patch of a photograph. The mean signed error of the 3 × 3 patches around it is taken, minus the
+    /// photograph's median of these means. The error is the root mean square over the channels. `None` if these patches
+    /// have fewer than `KNOWN` rays.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {
@@ -270,7 +275,7 @@ fn tiles(views: &[View]) -> Vec<Tiles> {
     views.iter().map(of).collect()
 }
 
-/// For each photograph, the [`NEIGHBOURS`] whose cameras have the most similar positions and directions.
+/// For each photograph, the indices of the [`NEIGHBOURS`] others with the most similar camera position and direction.
 fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     let poses: Vec<(Vec3, Vec3)> =
         views.iter().map(|view| (view.camera.pose().position, view.camera.pose().forward())).collect();
@@ -338,7 +343,7 @@ mod tests {
         demo::small(9, 1, SIDE).train
     }
 
-    /// Error of alternating sign and mean zero: the error of texture that is not fitted yet.
+    /// Error of alternating sign and mean zero, as texture has that is not fitted yet.
     fn grain(x: u32, y: u32, size: f32) -> f32 {
         if (x + y).is_multiple_of(2) { size } else { -size }
     }
@@ -359,7 +364,7 @@ mod tests {
             let (x, y) = (pixel as u32 % SIDE, pixel as u32 / SIDE);
             if is_figure(4, x, y) { hit += 1 } else { beside += 1 }
         }
-        // Around the figure, at most two patches, of four pixels each, are masked in every direction.
+        // On each side of the figure, at most two patches (eight pixels) are masked.
         assert!(hit == 24 * 40 && beside <= 40 * 56 - 24 * 40, "{hit}, {beside}");
 
         let mut batch = Batch {

@@ -30,8 +30,8 @@ impl Photographs {
         let (views, capture) = (&dataset.train, &config.capture);
         let unbounded = config.sampling.contraction.is_some();
         let mut found = Self::default();
-        // In a scene box, gains begin only if photographs are found to contradict each other, unless the settings ask
-        // for gains.
+        // In a bounded scene, gains are learned from the start only if the settings ask for them. Otherwise they begin
+        // once photographs are found to contradict each other.
         if unbounded || capture.exposure != Exposure::Auto {
             (found.gains, found.exposure) = Gains::of(views, sights, capture.exposure);
         }
@@ -47,8 +47,8 @@ impl Photographs {
         found
     }
 
-    /// Returns the name of the first part of `theirs`, from a checkpoint, that cannot belong to this run; `None` if all
-    /// fit.
+    /// Checks `theirs`, which was read from a checkpoint. Returns the name of the first part that cannot belong to this
+    /// run; `None` if all fit.
     pub(super) fn wrong_part(&self, theirs: &Self, views: &[View], config: &Config) -> Option<&'static str> {
         let gains = theirs.gains.as_ref().is_none_or(|gains| gains.views() == views.len());
         let unbounded = config.sampling.contraction.is_some();
@@ -66,8 +66,9 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Sets gains and loss weights of a batch's rays and, if poses are refined, requests the gradients of these rays.
-    /// `share`: used fraction of the budget. Returns the refined cameras of the next rays; `None` if unchanged.
+    /// Sets gains and loss weights of a batch's rays. If poses are refined, also requests the loss gradients of these
+    /// rays. `share`: used fraction of the budget. Returns the refined cameras for the next rays; `None` if they did
+    /// not move.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,

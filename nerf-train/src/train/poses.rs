@@ -26,35 +26,34 @@ const EVERY: u32 = 8;
 /// Learning rates of the poses, pixels of image motion per move of a camera: at the beginning and at the end of the
 /// run.
 const RATES: [f32; 2] = [0.3, 0.01];
-/// Blur of the field's gradient with respect to position, radii of the uncontracted ball: at the beginning of the run,
-/// and from the fraction `SHARP_FROM` of the run on.
+/// Width of the blur of the field's gradient with respect to position, in radii of the uncontracted ball. First number:
+/// at the beginning of the run. Second number: from the fraction `SHARP_FROM` of the run on.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Least median motion of the image in the first [`TRIAL`] steps, in focal lengths, with which poses stay refined.
-/// Correct poses move by 0.002 to 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses that are wrong by half a
-/// degree to one degree move by 0.013.
+/// Least motion of the image in the first [`TRIAL`] steps with which poses stay refined: median over the photographs,
+/// in focal lengths. Correct poses move by 0.002 to 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses that
+/// are wrong by half a degree to one degree move by 0.013.
 const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
-/// Length by which camera translations are divided to weigh as much as rotations in [`hold`], as a fraction of the
-/// cameras' mean distance from the scene's centre. Simulated on the cameras of fox, with random errors of half a degree
-/// to one degree and 1 %: the common motion that `hold` leaves moves the image by 0.66 pixels with this lever, 0.74
-/// with a lever of 1, and 0.82 if only rotations count. A lever proportional to the cameras' distance from their own
-/// centre is unstable if cameras are close together.
+/// Factor of the lever in [`hold`]: the length by which camera translations are divided to weigh as much as rotations.
+/// The lever is this factor times the cameras' mean distance from the scene's centre. Simulated on the cameras of the
+/// scene fox, with random errors of half a degree to one degree and 1 %: the common motion that `hold` leaves moves the
+/// image by 0.66 pixels with a factor of 0.5, 0.74 with 1, and 0.82 if only rotations count. A lever proportional to
+/// the cameras' distance from their own centre is unstable if cameras are close together.
 const LEVER: f32 = 0.5;
 
-/// Rotation of a camera about x, y, z of the world, radians, and translation along x, y, z, world units.
+/// Motion of a camera in the axes of the world: rotation vector, radians, then translation, world units.
 type Twist = [f32; 6];
 
 /// Corrections of the given poses of a run's photographs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections of the cameras from which the next rays are cast. Rays are cast one step ahead, so that these
-    /// corrections may lack the last move.
+    /// Corrections with which the next rays are cast. Rays are cast one step ahead: the last move may be missing here.
     cast: Vec<Twist>,
-    /// Sum, for each camera, of the gradients of the loss since the last move.
+    /// For each camera, the sum of the loss gradients with respect to its pose since the last move.
     sums: Vec<Twist>,
     moment1: Vec<Twist>,
     moment2: Vec<Twist>,
@@ -64,7 +63,8 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median, pixels: reprojection error of the sparse points or, without points, image motion in the first steps.
+    /// Median in pixels: of the reprojection errors of the sparse points if `by_tracks`, otherwise of the image motion
+    /// in the first steps.
     pub pixels: f64,
     /// Whether `pixels` is the reprojection error of sparse points.
     pub by_tracks: bool,
@@ -85,7 +85,8 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine, `None` if they stay as given, and the finding about them, `None` if not known yet.
+    /// Returns the poses to refine, and the finding about the given poses. The first is `None` if the poses stay as
+    /// given, the second if nothing is known yet. `sights`: whether the data set has lines of sight.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -124,7 +125,7 @@ impl Poses {
         !self.on_trial
     }
 
-    /// Whether these poses, from a checkpoint that may hold anything, fit the photographs `views` and are finite.
+    /// Whether these poses, read from an untrusted checkpoint, fit the photographs `views` and are finite.
     pub fn is_of(&self, views: &[View]) -> bool {
         let all = [&self.moved, &self.cast, &self.sums, &self.moment1, &self.moment2];
         let finite = |twists: &Vec<Twist>| twists.as_flattened().iter().all(|x| x.is_finite());
@@ -141,7 +142,7 @@ impl Poses {
         cameras(given, &self.moved)
     }
 
-    /// From the next step on, rays are cast from the present cameras. Returns whether the cameras moved since the last
+    /// Makes the next step cast its rays from the present cameras. Returns whether the cameras moved since the last
     /// call.
     pub fn renew(&mut self) -> bool {
         let moved = self.cast != self.moved;
@@ -149,15 +150,15 @@ impl Poses {
         moved
     }
 
-    /// Returns the request to compute the gradient of the loss with respect to the rays. `share`: used fraction of the
-    /// budget.
+    /// Request for the gradients of the loss with respect to the rays' origins and directions. `share`: used fraction
+    /// of the budget.
     pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
         RayQuestion { contraction: *contraction, blur }
     }
 
-    /// Adds the gradients of the loss with respect to a batch's rays to the sums of their cameras.
+    /// Adds the loss gradients of the rays of `batch` to the sums of their cameras.
     pub fn add<'g>(&mut self, batch: &Batch, gradients: impl Iterator<Item = &'g RayGradient>) {
         for gradient in gradients {
             let ray = gradient.ray as usize;
@@ -169,8 +170,8 @@ impl Poses {
         }
     }
 
-    /// Moves the cameras after every `EVERY`th step. Returns the finding about the poses after the last of the first
-    /// `TRIAL` steps, else `None`. `given`: the photographs with their given poses.
+    /// Moves the cameras after every `EVERY`th step. Returns the finding about the poses once, after `TRIAL` steps;
+    /// otherwise `None`. `step` counts from 0. `given`: the photographs with their given poses.
     pub fn step(
         &mut self,
         given: &[View],
@@ -184,7 +185,7 @@ impl Poses {
         self.verdict(step, given, contraction)
     }
 
-    /// The finding about the poses after the last of the first [`TRIAL`] steps, else `None`.
+    /// Finding about the poses, returned once, after [`TRIAL`] steps; otherwise `None`. `step` counts from 0.
     fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;
@@ -247,8 +248,8 @@ fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     given.iter().zip(moved).map(of).collect()
 }
 
-/// Matrix `M` of the quadratic form `vᵀ M v`: the mean squared motion of the image, pixels², if the camera moves by the
-/// small twist `v`. The mean is over points at three depths.
+/// Matrix `M` that gives the image motion for a small camera motion `v`: `vᵀ M v` is its mean square, pixels². The mean
+/// is over a grid of image points at three depths.
 fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     const SIDE: u8 = 5;
     let i = camera.intrinsics();
@@ -259,7 +260,7 @@ fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
         let Ray { dir, .. } = camera.ray(at(x, i.width), at(y, i.height));
         let cosine = dir.dot(camera.pose().forward()).max(0.1);
         for distance in [0.5 * away, away, 2.0 * away] {
-            // Two unit vectors across the ray and each other.
+            // Two unit vectors perpendicular to the ray and to each other.
             for across in [dir.any_orthonormal_vector(), dir.cross(dir.any_orthonormal_vector())] {
                 // Uses across · (turn × dir) = turn · (dir × across).
                 let (turn, shift) = (dir.cross(across) * i.fx / cosine, across * i.fx / cosine / distance);
@@ -312,9 +313,9 @@ fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
 }
 
 /// Removes the motion common to all cameras, which the photographs cannot determine: rotation about the cameras'
-/// centre, translation, and scaling. The common rotation is the least-squares fit to the cameras' rotations, and to
-/// their translations divided by [`LEVER`] times their mean distance from the scene's centre. Random errors of the
-/// given poses then cancel as far as possible.
+/// centre, translation, and scaling. The common rotation is a least-squares fit to the cameras' rotations and
+/// translations. Translations are divided by the lever: [`LEVER`] times the cameras' mean distance from the scene's
+/// centre.
 fn hold(moved: &mut [Twist], given: &[View], contraction: &Contraction) {
     let count = moved.len().max(1) as f32;
     let places = || given.iter().map(|view| view.camera.pose().position);

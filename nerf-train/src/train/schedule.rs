@@ -80,8 +80,8 @@ impl Budget {
         }
     }
 
-    /// Budget of a run that resumes after `seconds` of earlier commands. The limit in seconds was set for this command
-    /// alone. The result's limit includes `seconds`, so that the used fraction counts the time of all commands.
+    /// Adds `seconds`, the time of earlier commands of the run, to this command's limit in seconds. The used fraction
+    /// of the budget then counts the time of all commands.
     #[must_use]
     pub fn after(self, seconds: f64) -> Self {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
@@ -98,7 +98,7 @@ impl Budget {
         if found >= expected {
             return Ok(());
         }
-        // If no step was measured, training is given as long as the preparation took.
+        // If no step was measured, training is assumed to need as long as the preparation.
         let step = (found > 0).then(|| (done.seconds - done.prepared) / f64::from(found));
         let training = step.map_or(done.prepared, |step| 1.5 * step * f64::from(expected)).max(1.0);
         // The reserve is assumed to be the same fraction of a larger limit.
@@ -112,8 +112,9 @@ impl Budget {
         )
     }
 
-    /// Used fraction of the budget after `step` steps and `seconds`, 0 to 1: the larger of the two fractions. The last
-    /// `reserve` seconds of the limit are kept for the work after the last step.
+    /// Used fraction of the budget after `step` steps and `seconds` seconds, 0 to 1: the fraction of steps or of time,
+    /// whichever is larger. The time excludes the last `reserve` seconds of the limit, kept for the work after the last
+    /// step.
     pub fn share(&self, step: u32, seconds: f64, reserve: f64) -> f64 {
         let of_steps = self.steps.map_or(0.0, |steps| f64::from(step) / f64::from(steps));
         let of_time = self.seconds.map_or(0.0, |limit| seconds / (limit - reserve).max(1e-3));
@@ -154,7 +155,7 @@ mod tests {
         {
             assert!(text.contains(part), "{part}: {text}");
         }
-        // Suggested limit: 6 s of reading, as many for training, and a fifth of the limit reserved for the end.
+        // Suggested limit: 6 s of reading, 6 s of training, and a fifth of the limit reserved for the end.
         assert!(text.contains("--max-seconds 16 or"), "{text}");
         // Suggested limit: 20 steps of a second each, times 1.5, with 6 s of reading and a fifth reserved.
         let slow = refused(Done { steps: 2, seconds: 8.0, ..done });

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// Number of steps at the start of a run in which photographs are withheld.
 const TRIAL: u32 = 1_500;
-/// First step whose errors are summed.
+/// First step whose colour errors are summed.
 const SUMMED_FROM: u32 = 1_000;
 /// Step from which a run that withheld photographs looks for moving objects: by then the field has also learned the
 /// photographs that were withheld at first.
@@ -21,13 +21,13 @@ const GIVEN_UP_AT: f64 = 0.5;
 const COUNT: usize = 6;
 /// Least number of training photographs with which some are withheld.
 const FEWEST: usize = 24;
-/// PSNR gaps between withheld and other photographs, dB. Up to the first gap, the weight decay stays as configured;
-/// from the second on, it is multiplied by [`MOST`]. Captures whose PSNR falls with more decay have gaps of 0.8 to 2.9.
-/// A capture in which the light turned with the object has gaps of 4.9 to 5.1, and its PSNR rises by 2.4 dB with more
-/// decay.
+/// Limits of the PSNR gap between withheld and other photographs, dB. Up to the first limit, the weight decay stays as
+/// configured; from the second on, it is multiplied by [`MOST`]. Captures whose PSNR falls with more decay have gaps of
+/// 0.8 to 2.9. A capture in which the light turned with the object has gaps of 4.9 to 5.1; with more decay, its PSNR
+/// rises by 2.4 dB.
 const GAPS: [f64; 2] = [3.4, 4.4];
 const MOST: f64 = 30.0;
-/// Least number of rays of a photograph from which its PSNR is computed.
+/// The PSNR of a photograph is computed only from at least this number of rays.
 const KNOWN: f64 = 64.0;
 
 /// Colour errors of the training photographs while some of them are withheld.
@@ -38,10 +38,10 @@ pub struct Withheld {
     sums: Vec<[f64; 5]>,
 }
 
-/// Finding about the withheld photographs.
+/// Result of withholding photographs: the PSNR gap, and the weight decay chosen from it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct WithheldFound {
-    /// Mean PSNR of the photographs that are trained on minus mean PSNR of the withheld photographs, dB.
+    /// PSNR gap, dB: mean over the photographs that are trained on, minus mean over the withheld photographs.
     pub gap_db: f64,
     pub weight_decay: f64,
 }
@@ -52,7 +52,7 @@ impl WithheldFound {
         self.gap_db > GAPS[0]
     }
 
-    /// Whether this finding, from a checkpoint that may hold anything, is one that [`Withheld::verdict`] can return.
+    /// Whether this finding, read from an untrusted checkpoint, is one that [`Withheld::verdict`] can return.
     pub fn is_sound(&self, optimiser: &OptimiserConfig) -> bool {
         (0.0..=1.0 / optimiser.rate).contains(&self.weight_decay)
     }
@@ -89,7 +89,7 @@ impl Withheld {
         self.sums.len() == views.len() && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
 
-    /// Whether photograph `view` is withheld: one of [`COUNT`] spread evenly over all.
+    /// Whether photograph `view` is withheld. The [`COUNT`] withheld photographs are spread evenly over all.
     fn has(&self, view: usize) -> bool {
         let apart = self.sums.len() / COUNT;
         view % apart == apart / 2 && view / apart < COUNT
@@ -105,8 +105,8 @@ impl Withheld {
         }
     }
 
-    /// Adds the colour errors of a batch's rays, each with the ray's index, to their photographs' sums, after step
-    /// `step`.
+    /// After step `step`, adds colour errors of rays to the sums of their photographs. `errors`: index of a ray in
+    /// `batch`, and its error in red, green and blue.
     pub fn add<'e>(&mut self, batch: &Batch, step: u32, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
         if step < SUMMED_FROM {
             return;
@@ -138,7 +138,7 @@ impl Withheld {
     }
 }
 
-/// PSNR, dB, of a photograph after its mean error, which depends on exposure, is subtracted; `None` with too few rays.
+/// PSNR of a photograph, dB. Its mean error, which depends on exposure, is subtracted first. `None` with too few rays.
 fn psnr_db(&[r, g, b, squares, count]: &[f64; 5]) -> Option<f64> {
     let offset = (r * r + g * g + b * b) / count;
     (count >= KNOWN).then(|| crate::train::psnr_db_of_mse((squares - offset) / (3.0 * count)))
@@ -151,14 +151,15 @@ mod tests {
     use crate::model::config::Preset;
     use crate::model::engine::BatchRay;
 
-    /// The finding for root-mean-square errors `trained` of the photographs trained on, and `withheld` of the others.
+    /// The finding if the photographs trained on have root-mean-square errors of `trained`, and the others of
+    /// `withheld`.
     fn verdict(trained: f32, withheld: f32) -> WithheldFound {
         let (views, config) = (demo::small(30, 1, 8).train, Preset::Grid.config());
         let mut state = Withheld::of(&views, &config).expect("enough photographs");
         for view in 0..views.len() {
             let error = if state.has(view) { withheld } else { trained };
-            // An offset of 0.1, as by another exposure, which must not count, and an error of alternating sign around
-            // it.
+            // Errors of alternating sign around an offset of 0.1. The offset looks like another exposure and must not
+            // count.
             let errors: Vec<(u32, [f32; 3])> =
                 (0..100).map(|ray| (ray, [0.1 + if ray % 2 == 0 { error } else { -error }; 3])).collect();
             let batch = Batch { views: vec![view as u32; 100], ..Batch::default() };

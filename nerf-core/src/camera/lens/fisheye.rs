@@ -68,7 +68,7 @@ impl Lens {
             }
             theta = next;
         }
-        // If the lens is very steep, no f32 angle is seen close enough to this distance.
+        // If the distortion is very steep, no f32 angle is seen close enough to the distance `seen`.
         let off = (self.angle_seen(theta).0 - seen).abs();
         (off <= 1e-6 * seen.max(1.0)).then_some(theta)
     }

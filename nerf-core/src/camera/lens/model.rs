@@ -3,11 +3,11 @@
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// Limit at which the lens is taken to fold: the slope of the distortion, or the determinant of its Jacobian, is at
-/// most this. Past a fold, one image point shows two directions.
+/// Limit of the distortion's slope, and of the determinant of its Jacobian. The lens folds where one of them is at most
+/// this. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
-/// Limit for a minimum of the slope: the lens is also taken to fold if the minimum is at most this. Newton's method may
-/// jump over such a minimum (measured: over minima up to 0.01).
+/// Limit of the minima of the distortion's slope along a line from the axis. A lens with a minimum of at most this
+/// counts as folded too, since Newton's method may jump over the minimum (measured: over minima up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -40,20 +40,19 @@ impl Lens {
     /// from `(xd, yd)`.
     ///
     /// `None` if the lens folds (the Jacobian's determinant is at most 1e-3 at some step), or if the residual is still
-    /// too large after 20 steps. A residual is small enough at 1e-6 of the largest coordinate, or at 1e-6 if no
-    /// coordinate exceeds 1. Where a lens folds, the model has no inverse, and an image would show the same direction
-    /// twice.
+    /// too large after 20 steps. The residual may be at most 1e-6; if a coordinate exceeds 1, this limit is multiplied
+    /// by the largest coordinate. Past a fold, one image point shows two directions, so that the model has no inverse.
     ///
     /// # Domain
-    /// The finite points around the axis up to the fold. With only `k1 < 0`, these points fill, to within a hundredth,
-    /// a circle of radius `2/3 / √(−3 k1)`. With `k1, k2 >= 0` and no tangential part there is no fold: 20 steps
-    /// suffice if the lens moves the ideal point to at most 10 times its distance from the axis. For other lenses
-    /// success cannot be predicted; [`Camera::new`](crate::camera::Camera::new) tries a grid of image points, unless
-    /// the distortion is too weak to fail.
+    /// The finite points around the axis up to the fold. If `k1 < 0` and all other coefficients are 0, these points
+    /// fill, to within a hundredth, a circle of radius `2/3 / √(−3 k1)`. With `k1, k2 >= 0` and no tangential part
+    /// there is no fold: 20 steps suffice if the lens moves the ideal point to at most 10 times its distance from the
+    /// axis. For other lenses success cannot be predicted; [`Camera::new`](crate::camera::Camera::new) tries a grid of
+    /// image points, unless the distortion is too weak to fail.
     ///
     /// If one of `k3 k4 k5 k6` is not 0, up to 40 steps are tried. A step is halved if it does not reduce the residual
-    /// or if it passes the fold. For a fisheye, the result is the direction of [`Lens::direction`] scaled to 1 forward;
-    /// `None` if that direction does not point forward.
+    /// or if it passes the fold. For a fisheye, the result is [`Lens::direction`], scaled so that its forward component
+    /// is 1; `None` if that direction does not point forward.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
@@ -209,7 +208,8 @@ impl Lens {
 
     /// Whether the distortion folds between the axis and the ideal point `(x, y)`.
     ///
-    /// Newton's method that starts beyond a fold ends beyond the fold. A real lens shows another direction there.
+    /// If Newton's method starts beyond a fold, its result also lies beyond the fold. A real lens shows another
+    /// direction there.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {
@@ -219,7 +219,8 @@ impl Lens {
         if self.bend(Vec2::new(x, y).length()) <= 0.9 {
             return false;
         }
-        // Along (x, y), in units of its length, `distort(s x, s y)` is s + tilt/2 s² + second/3 s³ + fourth/5 s⁵.
+        // The component of `distort(s x, s y)` along (x, y), divided by the length of (x, y), is s + tilt/2 s² +
+        // second/3 s³ + fourth/5 s⁵.
         let (second, fourth) = (3.0 * self.k1 * r2, 5.0 * self.k2 * r2 * r2);
         let tilt = 6.0 * (self.p2 * x + self.p1 * y);
         let slope = |s: f32| 1.0 + s * (tilt + s * (second + s * s * fourth));

@@ -5,7 +5,8 @@ use super::{GridLevel, GridTables};
 use crate::memory::tail;
 use crate::simd::{Indices, Lanes};
 
-/// Maps positions, one per SIMD lane, to 0..1 on each axis of the box of `tables`.
+/// Maps positions to 0..1 on each axis of the box that the grid spans. `x`: `[inputs][stride]`. SIMD lane `i` has the
+/// position in column `column` + `i` of `x`.
 ///
 /// A coordinate outside of the box is moved to the nearest face. A NaN becomes 0.
 #[inline(always)]
@@ -31,8 +32,8 @@ pub(super) struct Cells<V: Lanes> {
     x: V::Indices,
     y: V::Indices,
     z: V::Indices,
-    /// Position of the sample inside the cell, 0 to 1 on each axis: interpolation weight of the face at the larger
-    /// coordinate.
+    /// Position of the sample inside the cell, 0 to 1 on each axis. Also the interpolation weight of the cell's face at
+    /// the larger coordinate.
     pub weights: [V; 3],
 }
 
@@ -94,7 +95,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivative of each row's interpolation weight with respect to y, per cell width.
+    /// Derivative of each row's weight ([`Cells::row_weights`]) with respect to y, where y is counted in cells.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_y<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -109,7 +110,8 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivative of each row's interpolation weight with respect to z, per cell width; valid only in three dimensions.
+    /// Derivative of each row's weight ([`Cells::row_weights`]) with respect to z, where z is counted in cells. Only
+    /// for 3D.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {
@@ -124,8 +126,8 @@ impl<V: Lanes> Cells<V> {
     }
 }
 
-/// For one axis, returns the index of the cell that contains `unit` (0 to 1), and the weight of the cell's face at the
-/// larger coordinate.
+/// Returns, for one axis with `cells` cells, the index of the cell that contains the position `unit` (0 to 1 in the
+/// box), and the position inside that cell (0 to 1).
 #[inline(always)]
 fn locate<V: Lanes>(unit: V, cells: u32) -> (V::Indices, V) {
     let g = unit.mul(V::splat(cells as f32));

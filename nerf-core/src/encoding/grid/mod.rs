@@ -43,8 +43,8 @@ pub const MAX_LOG2_ENTRIES: u8 = 24;
 /// Maximum number of values of all levels together. As f32 they take half a gibibyte, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
-/// Evaluates `$body`, in which `$table` is a [`Table`](crate::simd::Table) of `$values`; compiled for each format of
-/// values.
+/// Evaluates `$body` with `$table` bound to a [`Table`](crate::simd::Table) of `$values`. Compiles `$body` once for
+/// each format of values.
 macro_rules! with_table {
     ($values:expr, $table:ident => $body:expr) => {
         match $values {
@@ -206,7 +206,8 @@ impl<'a> GridTables<'a> {
     /// The tables of a network without a grid.
     pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
 
-    /// Tables of a grid that spans the scene box `bounds`; without `bounds`, as in a 2D field, 0..1 on each axis.
+    /// Tables of a grid that spans the scene box `bounds`. If `bounds` is `None`, as in a 2D field, the grid spans 0..1
+    /// on each axis.
     pub fn new(values: TableValues<'a>, bounds: Option<&SceneBox>) -> Self {
         match bounds {
             Some(b) => Self { values, min: b.min.to_array(), sides: (b.max - b.min).to_array() },

@@ -35,8 +35,8 @@ fn grids() -> Vec<GridEncoding> {
     all
 }
 
-/// Quantises `values`, in [−1, 1], to int8. `scale`: scale of the level with a given index. Returns the values' bytes,
-/// the scales' bytes, and the values that they encode.
+/// Quantises `values`, in [−1, 1], to int8. `scale` returns the scale of the level with the given index. Returns the
+/// values' bytes, the scales' bytes, and the values that they encode.
 fn quantise(
     grid: &GridEncoding,
     values: &[f32],
@@ -70,7 +70,7 @@ fn encode(isa: Isa, grid: &GridEncoding, values: TableValues<'_>, bounds: &Scene
     out
 }
 
-/// Position of a point along one axis of the box, 0 to `cells`.
+/// Position of the coordinate `x` along one axis of the box, counted in cells: 0 to `cells`.
 fn cells_along(bounds: &SceneBox, axis: usize, cells: u32, x: f32) -> f64 {
     let (min, max) = (bounds.min[axis], bounds.max[axis]);
     // The box's side is rounded to f32, as in the kernels.
@@ -115,7 +115,8 @@ fn first_entry(grid: &GridEncoding, level: usize) -> usize {
     grid.resolutions[..level].iter().map(entries).sum()
 }
 
-/// Encodes `x` in f64; each value with a bound of the f32 error from rounding the position and the sum.
+/// Encodes `x` in f64. Returns each value with a bound on the error that f32 makes by rounding the position and the
+/// sum.
 fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> Vec<(f64, f64)> {
     let (features, ulp) = (usize::from(grid.features), 2f64.powi(-24));
     let mut out = vec![];
@@ -217,8 +218,8 @@ fn every_isa_and_storage_is_the_oracle() {
     }
 }
 
-/// Compares the encoding by `stored`, on every instruction set, with the f64 oracle of `values`. If `exact`, compares
-/// also bit for bit with f32 tables.
+/// Compares the encoding by the tables `stored`, on every instruction set, with the f64 oracle of `values`. If `exact`,
+/// also compares bit for bit with f32 tables.
 fn every_isa_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values: &[f32], exact: bool) {
     for bounds in boxes_of(grid) {
         let x = hard_points(grid, bounds);
@@ -245,7 +246,7 @@ fn every_isa_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values:
     }
 }
 
-/// `entry`, `weight` and `x` of the [`GridCorners`] of a block at one level; the weights as bit patterns.
+/// `entry`, `weight` and `x` of the [`GridCorners`] of a block at one level. `weight` and `x` are bit patterns.
 type Read = (Vec<u32>, Vec<u32>, Vec<u32>);
 
 fn corners(isa: Isa, grid: &GridEncoding, level: &GridLevel, bounds: &SceneBox, x: &[f32]) -> Read {
@@ -487,7 +488,8 @@ fn what_a_machine_without_vectors_runs_has_the_same_bits() {
 mod derivative {
     use super::*;
 
-    /// Gradient of `Σ of · encoded` with respect to the positions: `[inputs][stride]`.
+    /// Gradient of `Σ of · encoded` (the sum of the encoded values, weighted by `of`) with respect to the positions:
+    /// `[inputs][stride]`.
     fn gradient(
         isa: Isa,
         grid: &GridEncoding,

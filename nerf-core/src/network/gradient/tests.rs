@@ -13,8 +13,8 @@ use std::vec::Vec;
 
 const STRIDE: usize = 64;
 
-/// Rounding of one kernel: relative errors of an operation in a sum, a weight and an activation, and absolute error of
-/// a sine.
+/// Rounding errors of one kernel. The errors of one operation in a sum, of a weight and of an activation are relative.
+/// The error of a sine is absolute.
 #[derive(Clone, Copy)]
 struct Rounding {
     sums: f64,
@@ -137,7 +137,8 @@ fn oracle(a: &Architecture, p: &[f32], x: [f64; 3], r: Rounding) -> Oracle {
         let encoded_from = if index == 0 { 0 } else { layer.main };
         for (i, sum) in of_encoded.iter_mut().enumerate().take(layer.inputs() - encoded_from) {
             let part = of_input(encoded_from + i);
-            // Bounds the error as if the two parts were one sum.
+            // `part` is the share of this layer, `sum` that of the later layers. The error is bounded as if they were
+            // one sum.
             let error = sum.error + part.error + gamma(layer.outputs) * (sum.reach() + part.reach());
             *sum = Bounded { value: sum.value + part.value, error };
         }
@@ -183,7 +184,7 @@ fn architectures() -> Vec<(&'static str, Architecture)> {
             architecture(named(AngleScale::One, 10), None, &[(40, false), (24, true)], &[]),
         ),
         ("s = π, ten levels, no identity", architecture(bare(AngleScale::Pi, 10), None, &skips, &[])),
-        // Smaller, since the bound might let every ReLU of a deeper or wider network switch.
+        // Smaller, since the error bound of a deeper or wider network might let every ReLU switch.
         ("the seed's shape, smaller", {
             let trunk: Vec<_> = (0..5).map(|i| (24, i == 3)).collect();
             architecture(pi(3, 10), Some(pi(3, 4)), &trunk, &[32])

@@ -57,11 +57,12 @@ pub struct ThinLens {
 impl ThinLens {
     /// Least distance of the plane of focus, world units.
     pub const NEAREST: f32 = 1e-6;
-    /// The largest radius of the aperture and the furthest plane of focus, world units.
+    /// Largest aperture radius and largest focus distance, world units.
     pub const LARGEST: f32 = 1e9;
 }
 
-/// Conversion of the network's display-encoded colours to light and back: exposure, tone curve, linear output.
+/// Exposure, tone curve and linear output: the settings that convert the network's display-encoded (sRGB) colours to
+/// linear light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
     /// Exposure, stops (doublings of the light): −[`Tone::MAX_STOPS`] to [`Tone::MAX_STOPS`]; 0 changes nothing.
@@ -82,7 +83,7 @@ impl Tone {
 }
 
 names! {
-    /// A curve from `[0, ∞)` to `[0, 1]`, channel by channel on linear light.
+    /// A tone curve from `[0, ∞)` to `[0, 1]`, applied to each channel of linear light.
     #[derive(Default)]
     #[non_exhaustive]
     pub enum ToneMap {
@@ -155,7 +156,7 @@ errors! {
     Aperture { found: f32 } =>
         "effects.depth_of_field.aperture_radius: expected 0 to {largest} world units, found {found}",
         largest = ThinLens::LARGEST;
-    /// A plane of focus outside [`ThinLens::NEAREST`] to [`ThinLens::LARGEST`].
+    /// A focus distance outside [`ThinLens::NEAREST`] to [`ThinLens::LARGEST`].
     Focus { found: f32 } =>
         "effects.depth_of_field.focus_distance: expected {nearest} to {largest} world units, found {found}",
         nearest = ThinLens::NEAREST, largest = ThinLens::LARGEST;

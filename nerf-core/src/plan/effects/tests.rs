@@ -3,7 +3,7 @@ extern crate std;
 use super::*;
 use std::string::ToString;
 
-/// For each effect: its feature, whether this build has the feature, and effects that need it.
+/// Examples of effects. For each: the name of its feature, whether this build has the feature, and the effects.
 fn each() -> [(&'static str, bool, Effects); 6] {
     let lens = ThinLens { aperture_radius: 0.1, focus_distance: 4.0 };
     let tone = |tone| Effects { tone, ..Effects::NONE };

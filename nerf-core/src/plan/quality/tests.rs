@@ -6,7 +6,8 @@ use crate::plan::{Batch, Outputs, Plan};
 use crate::testing::{SCENE, body, bytes, every_kind, halve, parameters};
 use std::vec::Vec;
 
-/// A blob whose Pareto front has these points (loss, cost). The samples, 40 − `i`, identify point `i`.
+/// A blob whose Pareto front has the given points (loss, cost). Point `i` has 40 − `i` samples, which identify the
+/// point.
 fn scene(points: &[(f32, f32)]) -> Vec<u8> {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let point = |(i, &(loss_db, cost))| FrontPoint {

@@ -5,8 +5,8 @@ use crate::render::field::Field;
 use crate::render::stages::RayNetworks;
 use core::ops::Range;
 
-/// Positions of one field's values in the buffers of [`Deferred`], which hold the values of all fields. Without
-/// deferred shading, the field has no values there.
+/// Where one field's values begin in the buffers of [`Deferred`], which hold the values of all fields. A field without
+/// deferred shading has no values there.
 #[derive(Clone, Copy, Default)]
 struct Place {
     /// Index of the field's first value in `Deferred::parts`.
@@ -19,9 +19,11 @@ struct Place {
 /// Weighted sums of hidden features `h` along the current tile's rays, for each field with deferred shading.
 pub(super) struct Deferred<'w> {
     places: &'w mut [Place],
-    /// For each field `[rays][rows]`: the `rows` hidden features `h` of the sample in each ray's current bin.
+    /// Hidden features `h` of the sample in each ray's current bin: one table `[rays][rows]` for each field, where
+    /// `rows` is the field's number of features.
     parts: &'w mut [f32],
-    /// For each field `[rays][rows + 1]`: Σ weight · h of each feature along each ray, then Σ weight.
+    /// Sums along each ray: one table `[rays][rows + 1]` for each field. A row holds Σ weight · h of each feature, then
+    /// Σ weight.
     sums: &'w mut [f32],
     pub networks: RayNetworks<'w>,
 }

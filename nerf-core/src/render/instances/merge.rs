@@ -20,8 +20,8 @@ use crate::render::stages::{Density, DirectionShares, Gradients, evaluate_points
 use crate::volume::{Accumulator, thickness};
 use glam::Vec3;
 
-/// Limit to which a sample's density is clamped, 1/world unit. A bin of this density is opaque, and the sum of several
-/// fields' densities stays finite.
+/// Largest density of a sample, 1/world unit; higher densities are clamped. A bin of this density is opaque, and the
+/// sum of several fields' densities stays finite.
 const WALL: f32 = 1e30;
 
 /// A ray's current bin in one field: the occupied bin that contains the ray's current distance, or if there is none,
@@ -29,7 +29,8 @@ const WALL: f32 = 1e30;
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// Position of the bin's sample along the ray, in the field's units; in an unbounded scene, in contraction steps.
+    /// Position of the bin's sample along the ray, in the field's units. In an unbounded scene, the position `s` of
+    /// [`Contraction::distance`](crate::space::Contraction::distance).
     t: f32,
     /// Start of the bin, world units from the ray's start.
     from: f32,
@@ -83,15 +84,16 @@ pub(in crate::render) struct Merge<'f, 'w> {
     parts: &'w mut [Part],
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// What each ray's direction contributes to the colour branch ([`DirectionShares`]): all values of the first
-    /// instance, then of the next. Instances may have different numbers of values.
+    /// Contribution of each ray's direction to the colour branch ([`DirectionShares`]). The values of the first
+    /// instance come first, then those of the next. Instances may have different numbers of values.
     shares: &'w mut [f32],
     deferred: Deferred<'w>,
     /// Buffers of a block of samples, large enough for the network of any instance.
     density: Density<'w>,
     /// For each sample of a block whose colour or gradient is evaluated, the index of its ray: `[samples]`.
     picked: &'w mut [u32],
-    /// First the directions of a block of rays, later the colours of a block of samples: `[3][samples]`.
+    /// Buffer with two uses, `[3][samples]`: holds the directions of a block of rays, and later the colours of a block
+    /// of samples.
     rgb: &'w mut [f32],
     gradients: Gradients<'w>,
 }
@@ -130,8 +132,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Returns a function from the camera's position to the output distance of pixels that show no surface, world
-    /// units. The distance is the largest of the fields' [`Plan::far_from`].
+    /// Returns a function that takes the camera's position and returns a distance, world units: the output distance of
+    /// pixels that show no surface. It is the largest of the fields' [`Plan::far_from`].
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -362,8 +364,8 @@ impl<'f, 'w> Merge<'f, 'w> {
                     Known::Place => end = end.min(part.from),
                     Known::Sample => {
                         end = end.min(part.to);
-                        // `whole`: `counts_at` and end of the segment's only bin with density, if this bin begins with
-                        // the segment.
+                        // `whole`: `counts_at` and end of the segment's only bin with density. `None` if the bin begins
+                        // before the segment, or if several bins have density.
                         let alone = sigma == 0.0 && part.from == ray.at;
                         whole = alone.then_some((part.counts_at, part.to));
                         sigma += part.sigma;
@@ -438,8 +440,8 @@ impl<'f, 'w> Merge<'f, 'w> {
                 sum.add(weight * share, part.gradient);
             }
         }
-        // A sample of too small weight has no colour. Its weight goes to the coloured samples of the segment, or if
-        // there are none, to the next coloured segment.
+        // A sample has no colour if its weight cannot exceed the colour cut. Its weight then goes to the coloured
+        // samples of the segment. If the segment has none, the weight goes to the next coloured segment.
         if coloured > 0.0
             && let Some(weight) = if COLLIDE { Some(weight) } else { gathered.take_uncoloured(0.0) }
         {
@@ -450,7 +452,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Computes density and colour at `points`, pairs of position and direction; at most one block of points.
+    /// Computes density and colour at `points`: at most one block of (position, direction) pairs.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
@@ -478,8 +480,8 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 }
 
-/// Returns instance `member`'s part of `values`: what the directions of rays contribute to its colour branch. `values`
-/// holds the parts of all instances, one after another.
+/// Returns instance `member`'s part of `values`, which holds [`DirectionShares::values`] of all instances, one instance
+/// after another. `samples`: number of samples per block.
 fn shares_at<'a>(
     instances: &[Instance<'_>],
     samples: usize,

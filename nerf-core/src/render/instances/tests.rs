@@ -113,8 +113,8 @@ fn alone(file: &[u8], kernel: Kernel, camera: &Camera) -> Seen {
     view_of(&mut renderer.worker(&plan, &mut workspace).unwrap(), camera)
 }
 
-/// Largest differences of two images: of colour and opacity, of distances, and of normals. Distances (relative to
-/// `ray_distance`) and normals are compared at pixels of opacity above 0.1.
+/// Largest difference of two images, for each of three kinds: colour and opacity; distances, divided by `ray_distance`
+/// if it exceeds 1; normals. Distances and normals are compared at pixels of opacity above 0.1.
 fn differences(a: &[Pixel], b: &[Pixel]) -> [f32; 3] {
     let mut worst = [0.0f32; 3];
     for (a, b) in a.iter().zip(b) {
@@ -243,7 +243,7 @@ fn what_stands_in_front_hides_what_is_behind() {
                 let off = (found.0 - expected.0).abs().max((found.1 - expected.1).abs());
                 assert!(off < 1e-3, "ray {i}: expected {expected:?}, found {found:?}");
             }
-            // Limits in front of the red box, in its middle, and between the two boxes.
+            // Rays that end in front of the red box, in its middle, and between the two boxes.
             let mut cut = vec![];
             let segments = [4.0, 5.0, 6.5].map(|t_max| RaySegment { t_max, ..rays[0] });
             worker.render_rays(&segments, None, &mut |_, pixel| cut.push(pixel.opacity)).unwrap();

@@ -1,4 +1,5 @@
-//! Coarse occupancy grid. Packets of rays that pass only empty cells are skipped, and other rays skip empty stretches.
+//! Coarse occupancy grid, for skipping empty space. If a packet of rays passes only empty cells, all its rays are
+//! skipped. Other packets skip the empty stretches along their rays.
 
 use crate::camera::Ray;
 use crate::plan::{Lattice, Plan};
@@ -92,7 +93,8 @@ pub(crate) fn set(bits: &mut [u8], at: usize) {
     }
 }
 
-/// Packet test: finds the intervals along a packet of neighbouring rays that may have occupied cells.
+/// Test of packets against the coarse grid. A packet is a group of neighbouring rays; the test finds the distances
+/// along the rays at which occupied cells may lie.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
@@ -104,7 +106,8 @@ pub(in crate::render) struct Packets<'c> {
 }
 
 impl Packets<'_> {
-    /// Returns the intervals along `rays` that may have occupied cells; `None` if all cells along the rays are empty.
+    /// Returns the intervals of distance along `rays` in which occupied cells may lie. Returns `None` if all cells
+    /// along the rays are empty.
     ///
     /// Looks up [`INTERVALS`] points on the mean of the rays. Each lookup also covers the nearby points of all rays. If
     /// the rays are too far apart for that, returns [`Intervals::ALL`].
@@ -142,10 +145,11 @@ impl Packets<'_> {
     }
 }
 
-/// Intervals along the rays of a packet that may have occupied cells.
+/// Intervals of distance along the rays of a packet, each marked if occupied cells may lie in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Intervals {
-    /// Bit `i`: whether interval `i` or a neighbour may have occupied cells. Interval `i` begins at `near + i step`.
+    /// Bit `i`: whether occupied cells may lie in interval `i` or a neighbouring interval. Interval `i` begins at
+    /// `near + i · step`.
     found: u64,
     near: f32,
     /// Width of an interval, world units along the rays; +∞ in [`Intervals::ALL`].
@@ -161,7 +165,7 @@ impl Intervals {
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct CandidateBins {
     found: u64,
-    /// Distance from the start of the first interval to the middle of bin 0, in interval widths.
+    /// Distance, in interval widths, from the start of the first interval to the middle of bin 0.
     first: f32,
     /// Bin width divided by interval width; 0 if all bins are candidates.
     per_bin: f32,
@@ -173,8 +177,8 @@ impl CandidateBins {
     /// All bins are candidates.
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
-    /// Finds the bins among `bins` that overlap intervals with possibly occupied cells. `start`: distance along the ray
-    /// from which the distances of `bins` are counted, world units.
+    /// Finds the bins among `bins` that overlap intervals with possibly occupied cells. `start`: distance along the
+    /// ray, world units, of the point from which the distances of `bins` are counted.
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
@@ -199,7 +203,7 @@ impl CandidateBins {
         }
     }
 
-    /// Upper bound of the indices of candidate bins: all of them are smaller.
+    /// Upper bound of the indices of candidate bins, exclusive.
     pub fn end(&self) -> u32 {
         let intervals = 64 - self.found.leading_zeros();
         if self.per_bin == 0.0 || intervals == INTERVALS {

@@ -20,7 +20,7 @@ pub(in crate::render) struct RayState {
     pub ends: Ends,
     /// Index of the next bin, or of the next drawn sample if a proposal network is used.
     pub next: u32,
-    /// Index after the last bin, or after the last drawn sample.
+    /// Index after the last bin; if a proposal network is used, index after the last drawn sample.
     pub end: u32,
     /// Occupancy of the bins that were last looked up in the occupancy grid.
     pub window: Window,
@@ -53,7 +53,8 @@ impl RayState {
         Self { pixel: PixelRay { ray: Ray { origin, dir }, x: index as u32, ..PixelRay::NONE }, ..Self::NONE }
     }
 
-    /// Sets the state to the start of the ray of pixel `(x, y)`. `span`: the part of the ray that is sampled, if any.
+    /// Sets the state to the start of the ray of pixel `(x, y)`. `range`: nearest and farthest visible distance, world
+    /// units. `span`: the part of the ray that is sampled, if any.
     #[inline]
     pub fn begin(&mut self, (x, y): (u32, u32), ray: Ray, range: [f32; 2], span: Option<Span>) {
         *self = Self { pixel: PixelRay { ray, range, x, y, done: false, ..PixelRay::NONE }, ..Self::NONE };
@@ -107,7 +108,7 @@ pub(super) struct MarchAll<'a> {
     pub rays: &'a mut [RayState],
     /// Indices in `rays` of the rays to march.
     pub list: &'a [u32],
-    /// Whether no occupied cell lies at a face of the scene box.
+    /// Whether all cells at the faces of the scene box are empty.
     pub inner: bool,
 }
 
@@ -169,12 +170,12 @@ pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as us
 /// Table of sample distances, one row per ray. Empty if the frame draws no samples by a proposal network:
 /// samples then lie in the plan's bins.
 struct Rows<'w> {
-    /// Distances of each ray's samples, ascending: `[rays][row]`. Before samples are drawn, the end of each row holds
-    /// the compositing weights of the ray's proposal bins.
+    /// Distances of each ray's samples, ascending: `[rays][row]`. Until a ray's samples are drawn, the end of its row
+    /// holds the compositing weights of its proposal bins.
     t: &'w mut [f32],
     row: usize,
-    /// Index of each sample of a block in its ray's row of `t`: `[samples]`. Before samples are drawn, the block holds
-    /// proposal bins, and this is the index of each bin.
+    /// Index of each sample of a block in its ray's row of `t`: `[samples]`. In the march through the proposal's bins,
+    /// index of the bin in each column of the block.
     index: &'w mut [u32],
 }
 
@@ -235,7 +236,7 @@ impl<'w> ProposalSamples<'w> {
         at(rows.of(ray), state.next as usize)
     }
 
-    /// Returns the interval of the sample of `ray` at distance `t`. The sample is in column `column` of the block.
+    /// Returns the interval of a sample of `ray`. `column`: the sample's column in the block. `t`: its distance.
     #[inline]
     pub fn interval(
         &self,
@@ -268,16 +269,16 @@ impl<'w> ProposalSamples<'w> {
         self.0.iter_mut().for_each(|rows| put(rows.index, column, bin));
     }
 
-    /// Stores `weight` in the row of `ray`, as the compositing weight of the proposal bin in column `column` of the
-    /// block. `drawn`: number of drawn samples, which is the index of the row's first weight.
+    /// Stores the compositing weight of the proposal bin in column `column` of the block, in the row of `ray`. The
+    /// first `drawn` values of a row are reserved for the drawn samples; the weights of the bins follow.
     pub fn put_weight(&mut self, ray: u32, column: usize, drawn: usize, weight: f32) {
         for Rows { t, row, index } in &mut self.0 {
             put(t, ray as usize * *row + drawn + at(index, column) as usize, weight);
         }
     }
 
-    /// Draws samples of the ray in row `from` by the weights of its proposal bins `coarse`, stores their distances in
-    /// row `to` and returns their number. Requires `to <= from`.
+    /// Draws the samples of a ray in proportion to the weights of its proposal bins `coarse`. Reads the weights from
+    /// row `from`, writes the samples' distances to row `to` and returns their number. Requires `to <= from`.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let Some(&mut Rows { ref mut t, row, .. }) = self.0.first_mut() else { return 0 };

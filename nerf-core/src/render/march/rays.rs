@@ -1,7 +1,7 @@
 //! Ray marching: fills each block with the next occupied samples of the active rays.
 //!
-//! Usually a block holds one sample of a ray: the ray's transmittance is then known before its next sample is
-//! evaluated. If fewer rays are active than a vector has lanes, each ray puts several samples into the block, in
+//! Usually a block holds at most one sample of each ray: the ray's transmittance is then known before its next sample
+//! is evaluated. If fewer rays are active than a vector has lanes, each ray puts several samples into the block, in
 //! columns that would otherwise be padding. Samples that turn out to lie behind the end of their ray are dropped and
 //! not counted. The counted work of a frame, like its pixels, thus depends on the scene and the request alone.
 
@@ -27,7 +27,7 @@ pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
     /// A box around all occupied cells of the occupancy grid; `None` if there is no occupied cell or no grid.
     occupied: Option<SceneBox>,
-    /// Whether no occupied cell lies at a face of the scene box. Always `false` in builds without vectors, to keep the
+    /// Whether all cells at the faces of the scene box are empty. Always `false` in builds without vectors, to keep the
     /// builds small.
     inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
@@ -41,7 +41,8 @@ pub(in crate::render) struct Rays<'f, 'w> {
 }
 
 impl<'f, 'w> Rays<'f, 'w> {
-    /// Reserves memory for a batch of rays. `drawn`: length of a row in [`ProposalSamples`]; 0 without a proposal.
+    /// Reserves memory for a batch of rays. `occupied`: box around all occupied cells. `drawn`: length of a row in
+    /// [`ProposalSamples`]; 0 without a proposal.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,

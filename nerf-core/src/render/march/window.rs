@@ -39,7 +39,7 @@ pub(super) struct LookUp<'a> {
     pub bins: &'a Bins,
     /// The bins to look up. All other bins are treated as empty.
     pub candidates: &'a CandidateBins,
-    /// Whether no occupied cell lies at a face of the scene box.
+    /// Whether all cells at the faces of the scene box are empty.
     pub inner: bool,
 }
 
@@ -98,7 +98,8 @@ impl LookUp<'_> {
             let points = points_at::<V>(ray, bins.middles(first + from, whole));
             live |= lanes.occupied(points) << from;
         }
-        // Points outside of the box are looked up in cells at its faces.
+        // A point outside the box is looked up in a cell at a face. If all these cells are empty, no bin needs
+        // the test below.
         if live == 0 || self.inner {
             return live;
         }

@@ -94,7 +94,7 @@ fn on<T>(bytes: &[u8], kernel: Kernel, then: impl FnOnce(&Renderer<'_>) -> T) ->
     then(&Renderer::new(blob, kernel, &mut memory).unwrap())
 }
 
-/// Blob of a 2D field with the raw colours 4x − 2, 4y − 2 and x − y. Its only trunk layer copies x and y.
+/// Blob of a 2D field whose raw red, green and blue are 4x − 2, 4y − 2 and x − y. Its only trunk layer copies x and y.
 fn gradient() -> Vec<u8> {
     let a = architecture(pi(2, 0), None, &[(2, false)], &[]);
     let trunk = [1.0, 0.0, 0.0, 1.0, 0.0, 0.0];

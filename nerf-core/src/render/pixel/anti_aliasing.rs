@@ -40,11 +40,12 @@ fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
 struct PixelSum {
     rgb: [Sum; 3],
     opacity: Sum,
-    /// Sum of opacity of the rays with a surface. The sums of distances are divided by this sum.
+    /// Sum of the opacities of the rays that meet a surface: rays of opacity above [`OPACITY_EPSILON`]. The sums of
+    /// distances are divided by this sum.
     surface: Sum,
-    /// Sum of opacity times `ray_distance` of the rays with a surface.
+    /// Sum of opacity times `ray_distance`, over the rays that meet a surface.
     ray_distance: Sum,
-    /// Sum of opacity times `z_depth` of the rays with a surface.
+    /// Sum of opacity times `z_depth`, over the rays that meet a surface.
     z_depth: Sum,
 }
 
@@ -63,11 +64,12 @@ impl PixelSum {
         }
     }
 
-    /// Returns the mean of `rays` rays. Distances are weighted by opacity; they are `far` if the mean shows no surface.
+    /// Returns the mean of `rays` rays. Distances are weighted by opacity. If the mean opacity is too low for a
+    /// surface, the distances are `far`.
     fn mean(&self, rays: u32, far: f32) -> Pixel {
         let rays = rays as f32;
         let opacity = self.opacity.value / rays;
-        // A mean above the epsilon implies, except for rounding, that at least one ray has a surface.
+        // A mean above the epsilon implies, except for rounding, that at least one ray meets a surface.
         let seen = opacity > OPACITY_EPSILON && self.surface.value > 0.0;
         let distance = |sum: Sum| if seen { sum.value / self.surface.value } else { far };
         Pixel {
@@ -129,8 +131,8 @@ impl<'w> Sums<'w> {
         Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::default()) }
     }
 
-    /// Adds `pixel`, the result of ray `ray`, to pixel `index` of the tile. Returns the pixel's mean after its last
-    /// ray, else `None`.
+    /// Adds `pixel`, the result of ray `ray`, to pixel `index` of the tile. After the pixel's last ray, returns the
+    /// mean of its rays; before, returns `None`. `far`: output distance of pixels that show no surface.
     #[inline]
     pub fn add(
         &mut self,

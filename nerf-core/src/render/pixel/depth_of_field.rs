@@ -10,7 +10,7 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Index of the ring of the aperture that ray `ray` of every pixel passes through. All rings have the same area.
+/// Index of the aperture's ring through which ray `ray` of every pixel passes. All rings have the same area.
 ///
 /// Rays of consecutive indices are neighbours in the pixel, and pass through rings that are far apart. Otherwise all
 /// rays at one side of the pixel would pass near the aperture's rim.

@@ -48,8 +48,8 @@ impl<'w> Medians<'w> {
         }
     }
 
-    /// Returns `start` plus the stored median distance of `ray`, at most `far`. Returns `far` if the ray has no median
-    /// distance, and 0 if median distances are not requested.
+    /// Returns `start` plus the stored median distance of `ray`, at most `far`. If the ray has no median distance,
+    /// returns `far`. If median distances are not requested, returns 0.
     pub fn finish(&self, ray: usize, start: f32, far: f32) -> f32 {
         self.distance.get(ray).map_or(0.0, |&distance| (start + distance).min(far))
     }

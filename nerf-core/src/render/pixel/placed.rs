@@ -1,5 +1,4 @@
-//! Placement of a single field without scaling. Rays are transformed to the field's coordinates; distances stay the
-//! same.
+//! Unscaled placement of a single field. Rays are transformed to the field's coordinates; distances stay the same.
 
 use crate::camera::{Camera, Ray};
 use crate::space::Placement;

@@ -46,7 +46,7 @@ pub(in crate::render) struct CameraRays<'a, L> {
     effects: &'a Effects,
     /// Position of each ray in its pixel, to the right and down, in `(0, 1)`.
     offset: (f32, f32),
-    /// Index of the ring of the aperture that the rays pass through.
+    /// Index of the aperture's ring through which the rays pass.
     area: u32,
     limit: &'a L,
     far: f32,
@@ -54,8 +54,8 @@ pub(in crate::render) struct CameraRays<'a, L> {
 }
 
 impl<'a, L> CameraRays<'a, L> {
-    /// Makes the source of each pixel's ray with the index `turn`. `limit`: function from a pixel's x and y to the end
-    /// of its ray. `far`: output distance of pixels without a surface, world units.
+    /// Makes the source of the ray with index `turn` of every pixel. `limit`: function that takes a pixel's x and y and
+    /// returns where its ray ends. `far`: output distance of pixels without a surface, world units.
     pub fn new(camera: &'a Camera, effects: &'a Effects, turn: u32, limit: &'a L, far: f32) -> Self {
         let (offset, area) = (anti_aliasing::offset(effects, turn), depth_of_field::area(effects, turn));
         Self { camera, effects, offset, area, limit, far, forward: camera.pose().forward() }
@@ -89,9 +89,9 @@ pub(in crate::render) struct OwnRays<'a, R, U, F> {
     pub before: usize,
     pub ray: &'a R,
     pub placed: Placed,
-    /// Function from a ray's index to the random number, in `[0, 1]`, that decides where the ray collides.
+    /// Function that takes a ray's index and returns a random number in `[0, 1]`, which decides where the ray collides.
     pub random: &'a U,
-    /// Function from a ray's origin to the output distance of a ray that meets no surface, world units.
+    /// Function that takes a ray's origin and returns the output distance, world units, of a ray that meets no surface.
     pub far: F,
 }
 
@@ -134,7 +134,8 @@ impl From<Ray> for RaySegment {
     }
 }
 
-/// Point at which a pixel's ray ends, from a depth buffer. If the distance is infinity or NaN, the ray does not end.
+/// Where a pixel's ray ends, for example at the depth in a depth buffer. If the distance is infinity or NaN, the ray
+/// does not end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// The ray ends at this distance along the ray, world units.
@@ -166,7 +167,7 @@ impl Limit {
 pub(in crate::render) struct PixelRay {
     /// The ray. In a frame of one field, its origin is moved to the point from which distances of samples are counted.
     pub ray: Ray,
-    /// How far the ray's origin was moved along the ray, world units. Distances of samples are counted from there.
+    /// Distance, world units, from the ray's original origin to the point from which sample distances are counted.
     pub start: f32,
     /// Nearest and farthest visible distance from the origin before it was moved, world units.
     pub range: [f32; 2],

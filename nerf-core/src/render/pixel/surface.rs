@@ -37,7 +37,8 @@ impl<'w> Surface<'w> {
     }
 
     /// Writes the median distance and the normal of ray `ray` to `pixel`. `start`: distance along the ray from which
-    /// the distances of its samples are counted. `far`: median distance of a ray that has none.
+    /// the distances of its samples are counted. `far`: upper limit of the median distance, written if there is no
+    /// median.
     pub fn finish(&self, ray: usize, start: f32, far: f32, pixel: &mut Pixel) {
         pixel.median_distance = self.medians.finish(ray, start, far);
         #[cfg(feature = "normals")]

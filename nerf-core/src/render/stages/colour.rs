@@ -11,8 +11,8 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Picked samples are queued if they fill less than this fraction of a block (numerator, denominator). Otherwise their
-/// colours are evaluated at once.
+/// Fraction of a block, as (numerator, denominator). If the picked samples fill less than this, they are queued;
+/// otherwise their colours are evaluated at once.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
 /// Stage that evaluates the colour branch at samples; its buffers are empty with deferred shading or without colour.
@@ -25,7 +25,8 @@ pub(in crate::render) struct Colour<'w> {
     owner: &'w mut [u32],
     weight: &'w mut [f32],
     queued: usize,
-    /// First the directions of a block of rays, later the colours of a block of samples: `[3][stride]`.
+    /// Buffer with two uses, `[3][stride]`: holds the directions of a block of rays, and later the colours of a block
+    /// of samples.
     rgb: &'w mut [f32],
 }
 
@@ -44,14 +45,14 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Borrows the memory for the contributions of the rays' directions to the colour branch, and a buffer
-    /// `[3][stride]` that holds directions of rays first and colours of samples later.
+    /// Borrows the memory for the contributions of the rays' directions to the colour branch. Also borrows a buffer
+    /// `[3][stride]`, which holds the directions of rays first and the colours of samples later.
     pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Adds the colours of the samples picked from a block to their rays. If only a few samples are picked, queues
-    /// them.
+    /// Adds the colours of the samples picked from a block to their rays. If they fill less than
+    /// [`QUEUED_BELOW`] of a block, they are queued instead.
     pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(tile, picks, counters);
@@ -125,8 +126,8 @@ pub(in crate::render) struct DirectionShares<'w> {
 }
 
 impl DirectionShares<'_> {
-    /// Length of the buffer `values` for a batch of rays; 0 if samples are not coloured. `block`: number of rays encoded
-    /// together.
+    /// Length of the buffer `values` for a batch of rays; 0 if the colour branch is not evaluated at samples. `block`:
+    /// number of rays encoded together.
     pub fn values(field: Field<'_>, block: usize) -> usize {
         let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)

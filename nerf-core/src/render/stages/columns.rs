@@ -95,7 +95,8 @@ struct Columns<'a> {
     dirs: &'a mut [Row; 3],
     /// Distance of each column's sample along its ray. If [`in_middles`], the index of the sample's bin instead.
     t: &'a mut Row,
-    /// Distance that each sample contributes to the mean `ray_distance`, and width of its interval, world units.
+    /// Two rows: the distance that each sample contributes to the mean `ray_distance`, and the width of each sample's
+    /// interval. Both in world units.
     intervals: &'a mut [Row; 2],
     /// Least distance of a sample on each ray, world units ([`Plan::least_distance`]). Used in unbounded scenes only.
     near: &'a mut Row,
@@ -121,7 +122,8 @@ impl<'a> Columns<'a> {
         Some(Self { plan, owner: [0; BLOCK], origins, dirs, t, intervals, near, ends, gathered, sums })
     }
 
-    /// Puts the next sample of `ray` into column `at`, and advances `ray.next`.
+    /// Puts the next sample of `ray` into column `at`, and advances `ray.next`. `turn`: index of the ray within its
+    /// pixel.
     #[inline(always)]
     fn put_sample(&mut self, ray: &mut RayState, turn: u32, at: usize) {
         self.t[at % BLOCK] = if in_middles(self.plan) {
@@ -200,7 +202,8 @@ impl<'a> Columns<'a> {
             waits += 1;
         }
         rays.march_all(head(&marching, marches));
-        // In descending order: a gap is filled with a copy of the last column, which must already have its next sample.
+        // In descending order. A gap is filled with a copy of the last column, whose next sample must be in place by
+        // then.
         for &column in head(&waiting, waits).iter().rev() {
             let Some(ray) = rays.states.get_mut(at(&self.owner, column) as usize) else { return 0 };
             if !ray.pixel.done && ray.next < ray.end {

@@ -18,8 +18,9 @@ const ROWS: usize = 4;
 
 /// Stage that composites a block of samples and picks those whose colour or normal is evaluated.
 pub(in crate::render) struct Compositing<'w> {
-    /// Four rows, `[4][samples]`: each sample's optical thickness in front, distance, opacity, and transmittance
-    /// behind. [`Absorb`] computes the last two in place from optical thicknesses. Empty in builds without vectors.
+    /// Four rows, `[4][samples]`: optical thickness in front of each sample, distance, opacity, and transmittance
+    /// behind each sample. [`Absorb`] computes the last two in place from optical thicknesses. Empty in builds without
+    /// vectors.
     rows: &'w mut [f32],
     /// Columns of the block whose colour or normal is evaluated, ascending: `[samples]`. Empty if neither colour nor
     /// normals are requested.

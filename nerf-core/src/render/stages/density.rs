@@ -12,7 +12,8 @@ use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 pub(in crate::render) struct Density<'w> {
     /// Index of each sample's ray; samples of one ray are adjacent, in marching order.
     pub owner: &'w mut [u32],
-    /// Distance of each sample along its ray: world units, or in an unbounded scene steps of the contraction.
+    /// Distance of each sample along its ray, world units. In an unbounded scene, the position `s` of
+    /// [`Contraction::distance`](crate::space::Contraction::distance).
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
     /// Positions of the samples in the network's space, `[3][stride]`.
@@ -109,7 +110,7 @@ impl Op for Place<'_> {
 }
 
 /// Gathers `N` values of each sample's ray into vectors, one sample per SIMD lane. `owner`: index of each sample's ray.
-/// `of`: function from a ray to its `N` values.
+/// `of`: function that takes a ray and returns its `N` values.
 #[inline(always)]
 pub(super) fn of_rays<V: Lanes, const N: usize>(
     rays: &[RayState],
@@ -131,7 +132,8 @@ pub(super) fn of_rays<V: Lanes, const N: usize>(
     values
 }
 
-/// Shortens the rows of a block in place from length `from` to `to`, if `to` is less. Keeps the first `n` columns.
+/// Shortens the rows of a block in place from length `from` to `to`, and keeps their first `n` values. Does nothing if
+/// `to` is not less than `from`.
 pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
     if to < from {
         for row in 1..rows {

@@ -63,8 +63,8 @@ fn the_mean_of_collisions_is_the_composited_colour() {
     }
 }
 
-/// A ray collides if its random number is below its opacity. A larger number collides farther away. Other rays of the
-/// call have no effect.
+/// A ray collides if its random number is below its opacity. With a larger number, the ray collides farther away. Other
+/// rays of the call have no effect.
 #[test]
 fn a_ray_collides_where_its_opacity_reaches_the_number() {
     for file in &scenes() {

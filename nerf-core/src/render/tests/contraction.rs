@@ -63,7 +63,8 @@ fn rays(camera: &Camera) -> impl Iterator<Item = Ray> {
     (0..SIDE * SIDE).map(|i| camera.ray((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5))
 }
 
-/// Reference in f64 for the bins of a ray. Positions are in steps of the contraction.
+/// Reference in f64 for the bins of a ray. Positions are the `s` of
+/// [`Contraction::distance`](crate::space::Contraction::distance).
 struct Steps {
     power: f64,
     step: f64,
@@ -73,7 +74,7 @@ struct Steps {
     start: f64,
     enter: f64,
     end: f64,
-    /// Position at which the last bin is cut. Its sample is in the middle of the part in front.
+    /// Position at which the last bin is cut. The bin's sample is in the middle of the part that remains.
     far: f64,
 }
 
@@ -111,7 +112,7 @@ impl Steps {
         (if size <= 1.0 { size } else { steps }).copysign(distance)
     }
 
-    /// Start, end and sample of each bin, in steps.
+    /// Positions of the start, the end and the sample of each bin.
     fn bins(&self) -> impl Iterator<Item = [f64; 3]> {
         let edge = |i: f64| -1.0 - self.power + i * self.step;
         let first = ((self.enter + 1.0 + self.power) / self.step).floor();
@@ -172,7 +173,7 @@ fn a_fog_everywhere_is_as_thick_as_the_way_through_it() {
                 let found = draw(&file, kernel, camera, |plan| plan.with_range(t_min, t_max).unwrap());
                 for (pixel, ray) in found.pixels.iter().zip(rays(camera)) {
                     let steps = Steps::of(&ray, &facts, t_min.into(), t_max.into());
-                    // Bound on rounding: of positions in steps, and of the point from which they are counted.
+                    // Bound on two rounding errors: of positions, and of the point from which positions are counted.
                     let far = steps.distance(steps.end).abs().max(steps.distance(steps.enter).abs());
                     let digits = 20.0
                         * f64::from(f32::EPSILON)
@@ -291,11 +292,11 @@ fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
     }
 }
 
-/// Blob, parameters and facts of a scene that is opaque behind a plane. The plane crosses the view axis `radii` ball
-/// radii from the centre. `rim`: contracted distance of the plane, in radii.
+/// Blob, parameters and facts of a scene that is opaque behind a plane. The plane crosses the view axis at `radii` ball
+/// radii from the centre. `tilt`: x and y of the plane's normal, whose z is −1. `power`: power of the contraction.
 fn plane(radii: f64, tilt: [f32; 2], power: u8) -> (Vec<u8>, Vec<f32>, SceneFacts) {
     let rim = if radii <= 1.0 { radii } else { 2.0 - 1.0 / radii };
-    // With power 1, the ray behind 1,000 radii is only 1/1,000 long in steps, so that bins must be shorter.
+    // With power 1, the positions beyond 1,000 radii span only 1/1,000, so that bins must be shorter.
     let step = if power == 1 { 1.0 / 1024.0 } else { 1.0 / 400.0 };
     let facts = SceneFacts { near: 0.01, far: 2e4 * RADIUS, ..facts(contracted(step, power)) };
     let a = architecture(pi(3, 0), None, &[(4, false)], &[]);
@@ -391,7 +392,7 @@ fn from_inside_something_opaque_it_is_all_there_is() {
                 let steps = Steps::of(&ray, &facts, 0.0, f64::INFINITY);
                 // End of the second bin, since the first may be cut very short.
                 let [_, to, _] = steps.bins().nth(1).unwrap();
-                // Bound on the rounding of the camera's position, in steps from the centre.
+                // Bound on the distance error, world units, that rounding of the camera's position causes.
                 let digits = 20.0 * f64::from(f32::EPSILON) * (1.0 + steps.start.powi(2) / f64::from(RADIUS));
                 let first = f64::from(facts.near) - digits..=steps.start + steps.distance(to) + digits;
                 assert_eq!(pixel.opacity, 1.0);
@@ -426,8 +427,8 @@ fn points_are_asked_for_anywhere_but_nowhere() {
     }
 }
 
-/// No output distance is below `near`, even if rounding of positions in steps changes distances by a ten-thousandth, as
-/// it does a thousand radii away.
+/// No output distance is below `near`, whatever the rounding. A thousand radii away, rounding of positions changes
+/// distances by a ten-thousandth.
 #[test]
 fn no_distance_from_far_away_is_in_front_of_near() {
     for power in Contraction::POWERS {
@@ -489,7 +490,7 @@ fn bins_tile_the_ray() {
                 before = to;
             }
             let start = f64::from(span.start);
-            // Bound on rounding: of the first position in steps, and of the point from which positions are counted.
+            // Bound on two rounding errors: of the first position, and of the point from which positions are counted.
             let near = 20.0 * f64::from(f32::EPSILON) * (start + start * start / f64::from(RADIUS)) + 1e-9;
             assert!((start + f64::from(first) - 1e-4).abs() <= near, "{power}: {first} from {start}");
             assert!((f64::from(before) / 1e6 - 1.0).abs() < 0.2, "{power}: {before}");

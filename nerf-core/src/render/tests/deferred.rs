@@ -45,7 +45,7 @@ struct Field {
     oracle: Oracle,
 }
 
-/// Makes a random field. The density layer's parameters are multiplied by 2 `thick`.
+/// Makes a random field. The density layer's parameters are multiplied by `2 · thick`.
 fn field(a: &Architecture, seed: u32, thick: f32, occupancy: Option<StoredOccupancy<'_>>) -> Field {
     let mut all = parameters(a, seed);
     for layer in a.layers().iter().filter(|layer| layer.role == Role::Density) {

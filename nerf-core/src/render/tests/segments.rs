@@ -36,7 +36,7 @@ pub(super) fn segments(t_min: f32, t_max: f32) -> Vec<RaySegment> {
     (0..SIZE * SIZE).map(|i| RaySegment { ray: ray(i), t_min, t_max }).collect()
 }
 
-/// Pixels that `render` draws with a worker of `file`. `t_min` and `t_max`: range of the worker's plan.
+/// The `count` pixels that `render` draws with a worker of `file`. `t_min` and `t_max`: range of the worker's plan.
 pub(super) fn pixels(
     file: &[u8],
     kernel: Kernel,

@@ -124,7 +124,7 @@ fn what_is_no_weight_counts_as_none_and_no_more_than_all() {
 
 #[test]
 fn a_wall_gets_nearly_every_sample() {
-    // The other 63 bins have weight 0 and get only the floor: less than a tenth of one sample in 128.
+    // The other 63 bins have weight 0 and get only the floor: together less than a tenth of one of the 128 samples.
     let (name, weights) = &cases()[7];
     assert_eq!((*name, weights[40]), ("a wall", 1.0));
     let bins = bins(64);

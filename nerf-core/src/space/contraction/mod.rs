@@ -8,11 +8,12 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// The contraction of a scene: maps all of space into a ball, and leaves an inner ball of half its radius unchanged.
+/// The contraction of a scene: maps all of space into an outer ball, and leaves an inner ball of half that radius
+/// unchanged.
 ///
-/// With `q = (p − centre) / radius` and `r = |q|`, a point `p` maps to `q` if `r <= 1`, else to `(2 − 1/r) q/r`,
-/// converted back to world units around the same centre. The scene box is the cube around the outer ball, so that its
-/// sides are 4 radii of the inner ball.
+/// `centre` and `radius` are those of the inner ball. With `q = (p − centre) / radius` and `r = |q|`, a point `p` maps
+/// to `q` if `r <= 1`, else to `(2 − 1/r) q/r`, converted back to world units around the same centre. The scene box is
+/// the cube around the outer ball, so that its sides are 4 radii of the inner ball.
 ///
 /// # Source
 /// Barron et al. 2022, eq. 10.
@@ -83,8 +84,8 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether the part `from..=to` of a ray lies in the inner ball. `ray`: from [`Contraction::centred`]; `from`,
-    /// `to`: steps.
+    /// Whether the part `from..=to` of a ray lies in the inner ball. `ray`: from [`Contraction::centred`]; `from` and
+    /// `to`: positions in steps ([`Contraction::distance`]).
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
         // A ball is convex, so that a test of the two ends suffices. The margin is for rounding.
@@ -181,8 +182,8 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// Length of a step in the world at the contracted point `p`, relative to a step in the inner ball, on a ray
-    /// through the centre.
+    /// Length, in the world, of a step at the contracted point `p`, divided by the length of a step in the inner ball.
+    /// Holds for rays through the centre.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;

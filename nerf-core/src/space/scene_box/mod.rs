@@ -50,7 +50,7 @@ impl SceneBox {
         if !(ordered && ray.origin.is_finite() && ray.dir.is_finite()) {
             return None;
         }
-        // One call for each axis, since a loop over the axes takes half as long again.
+        // One call for each axis, since a loop over the axes takes 1.5 times as long.
         let slab = |axis: usize, (enter, exit): (f32, f32)| {
             let (origin, dir) = (ray.origin.to_array()[axis], ray.dir.to_array()[axis]);
             let (low, high) = (self.min.to_array()[axis], self.max.to_array()[axis]);

@@ -6,23 +6,23 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// A photograph's PSNR is far below the median if it is lower by more than both limits: the first in dB, the second in
-/// median absolute deviations.
+/// A photograph's PSNR is far below the median if the difference exceeds two limits: the first number in dB, and the
+/// second in median absolute deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
 /// The worst group's poses are reported as doubtful if its PSNR is at least this far below the best group's, dB.
 const DIFFERENT_DB: f64 = 3.0;
-/// Photographs without point tracks are reported as contradicting each other if their median training PSNR is below
-/// this, dB.
+/// In data without point tracks, photographs are reported as contradicting each other if the median training PSNR is
+/// below this, dB.
 const LOW_DB: f64 = 22.0;
-/// Smallest number of training steps for a finding by [`LOW_DB`]: a shorter fit may still have a low PSNR.
+/// Minimum number of training steps before [`LOW_DB`] applies: the PSNR of a shorter fit may still be low.
 const A_WHILE: u32 = 2000;
 
 /// PSNR of a field on its training photographs, and findings from it.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
-    /// Mean PSNR of each group in the diagnosis. Without groups and point tracks, a group is a run of consecutive
-    /// photographs between two jumps of the viewing direction.
+    /// Mean PSNR of each group in the diagnosis. If the diagnosis has no groups and the data have no point tracks, a
+    /// group is a run of consecutive photographs between two jumps of the viewing direction.
     pub train_groups: Vec<Group>,
     /// Names of the photographs whose PSNR is far below the median.
     pub train_far_worse: Vec<String>,
@@ -92,7 +92,8 @@ impl Fitted {
         }
     }
 
-    /// Returns a finding if the worst group's PSNR is far below the best group's, or if the median, `middle`, is low.
+    /// Returns a finding if the worst group's PSNR is far below the best group's, or if `middle`, the median, is low.
+    /// `tracks`: whether the data have point tracks.
     fn doubt(&self, tracks: bool, middle: f64, steps: u32) -> Option<String> {
         let by_db = |a: &&Group, b: &&Group| a.psnr_db.0.total_cmp(&b.psnr_db.0);
         let (low, high) = (self.train_groups.iter().min_by(by_db)?, self.train_groups.iter().max_by(by_db)?);

@@ -14,8 +14,8 @@ use std::collections::BTreeSet;
 
 /// Contradicting photographs are left out of training only if the capture has at least this number of photographs.
 const ENOUGH: usize = 10;
-/// Limits for a wrong pose: at least this number of key points contradict the pose, and more than this multiple of the
-/// agreeing key points.
+/// A photograph has a wrong pose if the number of its contradicting key points is at least `.0`, and is more than `.1`
+/// times the number of its agreeing key points.
 const MISPLACED: (usize, usize) = (10, 2);
 /// A sector without photographs is reported if it spans at least this, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;

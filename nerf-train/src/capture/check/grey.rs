@@ -113,8 +113,8 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Returns each photograph's sharpness divided by the median of its [`NEIGHBOURS`] nearest photographs; 1 if it has
-/// none.
+/// Returns each photograph's sharpness divided by the median sharpness of its [`NEIGHBOURS`] nearest photographs; 1 if
+/// there are none.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

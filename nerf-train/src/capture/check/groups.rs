@@ -3,15 +3,15 @@
 use super::pairs::Pair;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Fraction of differing patches at which a pair of photographs is neutral. A pair with a smaller fraction supports its
-/// two poses, a pair with a larger fraction opposes them.
+/// Threshold on [`Pair::different`]. In clustering, a pair below it counts for merging its two photographs, a pair
+/// above it counts against.
 const UNDECIDED: f32 = 0.35;
-/// At most one in this number of photographs, but always two, may be left out for contradicting the other photographs.
+/// Up to 1 / `FEW` of all photographs count as few; two always do.
 const FEW: usize = 10;
-/// Number of contradicting pairs needed to leave out a photograph, or to separate two groups.
+/// Minimum number of contradicting pairs to leave out a photograph, or to separate two groups.
 const CERTAIN: usize = 3;
-/// Fraction of all pairs of photographs that must contradict each other before the contradicting photographs may form a
-/// group of their own.
+/// Minimum fraction of contradicting pairs, among all compared pairs, for a group of contradicting photographs. Below
+/// it, contradicting photographs are outliers.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.
@@ -126,8 +126,9 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Returns the large groups and the outliers. `group`: group of each photograph; a photograph without pairs has
-    /// `None`, and joins the previous photograph's group. `contradict`: photographs of rejected clusters.
+    /// Returns the large groups and the outliers. `group`: index of each photograph's group; a photograph without pairs
+    /// has `None`, and joins the previous photograph's group. `groups`: number of groups. `contradict`: photographs of
+    /// rejected clusters.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

@@ -13,7 +13,7 @@ const MAX_TRACK: usize = 200;
 pub(super) struct Links {
     /// Connected components, as indices of photographs, the largest first.
     pub pieces: Vec<Vec<usize>>,
-    /// Links whose removal would split a piece, with the number of photographs in the smaller part.
+    /// Links whose removal would split a connected component, each with the number of photographs in the smaller part.
     pub bridges: Vec<([usize; 2], usize)>,
 }
 

@@ -45,13 +45,15 @@ pub struct Diagnosis {
     pub gaps: Vec<NamedGap>,
     pub blurred: Vec<String>,
     pub duplicates: Vec<[String; 2]>,
-    /// Standard deviation of log gains, measured at points that several photographs show.
+    /// Standard deviation, over the photographs, of the log gains. Gains are measured at points that several
+    /// photographs show.
     pub exposure_spread: Option<f64>,
     /// Number of photographs in each connected component of the graph of shared points, the largest first.
     pub pieces: Vec<usize>,
     pub bridges: Vec<[String; 2]>,
     pub views: Vec<Photograph>,
-    /// Photographs of each run: in the order of names, split where the viewing direction jumps.
+    /// Names of the photographs of each run. A run is a stretch of photographs, in the order of names, between two
+    /// jumps of the viewing direction.
     #[serde(skip)]
     runs: Vec<Vec<String>>,
     /// Whether the data have point tracks; `runs` is used only without tracks.
@@ -74,7 +76,7 @@ pub struct Photograph {
     /// Number of the photograph's group, from 1; `None` if there are no groups, or the photograph is in none.
     pub group: Option<usize>,
     pub azimuth_degrees: Option<Short>,
-    /// Variance of the Laplacian, divided by the median of the nearest photographs.
+    /// Variance of the Laplacian, divided by its median over the nearest photographs.
     pub sharpness: Short,
     /// Natural log gain, averaged over the colour channels.
     pub exposure: Option<Short>,

@@ -6,16 +6,17 @@ use crate::data::{SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Two cameras see a point alike if the angle between their rays is less than 12° (cosine), and if their distances to
-/// the point differ by less than this factor.
+/// Limits within which two cameras see a point alike: minimum cosine of the angle between their rays (12°), and maximum
+/// ratio of their distances to the point.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
-/// Number of points that two photographs must see alike to be compared.
+/// Two photographs are compared if their cameras see at least this number of points alike ([`ALIKE`]).
 const ENOUGH_POINTS: usize = 30;
 /// A pair of photographs is used if at least this number of patches were compared.
 const ENOUGH_PATCHES: usize = 15;
-/// Maximum number of tests whether two cameras see a point alike: thousands of photographs then take seconds.
+/// Budget for tests of whether two cameras see a point alike. With this budget, the tests take seconds for thousands of
+/// photographs.
 const MAX_QUESTIONS: usize = 400_000_000;
-/// Maximum number of points around which a photograph's patches are compared with another photograph.
+/// Maximum number of points of one photograph around which its patches are compared with another photograph's.
 const COMPARED_POINTS: usize = 60;
 /// Maximum number of compared pairs; of a larger number, every N-th pair is compared.
 const MAX_PAIRS: usize = 60_000;
@@ -52,7 +53,8 @@ struct Compared<'v> {
 }
 
 impl Compared<'_> {
-    /// Returns the points of this photograph that the camera of `other` sees alike ([`ALIKE`]) and within its image.
+    /// Returns the points of this photograph that are also within the image of `other` and that the two cameras see
+    /// alike ([`ALIKE`]).
     fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
         let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
         let (width, height) = other.view.size();
@@ -95,7 +97,7 @@ impl Compared<'_> {
             .then(|| product / (texture * other_texture.max(f32::MIN_POSITIVE)))
     }
 
-    /// Returns the correlations with `other` of the patches around at most [`COMPARED_POINTS`] of `points`.
+    /// Returns [`Self::correlation`] for at most [`COMPARED_POINTS`] of `points`, evenly chosen.
     fn correlations(&self, other: &Self, points: &[Vec3]) -> Vec<f32> {
         let step = points.len().div_ceil(COMPARED_POINTS).max(1);
         points.iter().step_by(step).filter_map(|&point| self.correlation(other, point)).collect()

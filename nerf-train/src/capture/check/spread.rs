@@ -29,14 +29,15 @@ pub(super) struct Gap {
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
     pub inward: bool,
-    /// Azimuth of each photograph around the cameras' mean up, degrees; `None` nearly straight above or below.
+    /// Azimuth of each photograph around the cameras' mean up direction, degrees; `None` for a nearly vertical
+    /// direction.
     pub azimuths: Vec<Option<f32>>,
     /// Largest gap, and all further gaps of at least [`GAP`], in descending order.
     pub gaps: Vec<Gap>,
 }
 
 impl Spread {
-    /// Spread of `views`; `None` if all look in much the same direction, or there are fewer than two.
+    /// Spread of `views`; `None` if there are fewer than two, or if all look in much the same direction.
     pub fn of(views: &[&View]) -> Option<Self> {
         let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
         let look_at = LookAt::of(&cameras).filter(|look_at| !look_at.forward_facing())?;

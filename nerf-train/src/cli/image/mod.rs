@@ -66,7 +66,7 @@ impl PhotoOptions {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 pub struct Settings {
-    /// Random pixels per batch; stratified if the field has a grid.
+    /// Number of random pixels per batch; they are stratified if the field has a grid.
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
     /// Training steps [default: the preset's].
@@ -84,7 +84,7 @@ impl Settings {
     pub fn over(&self, mut config: FieldConfig) -> anyhow::Result<FieldConfig> {
         let o = &mut config.optimiser;
         o.steps = self.steps.unwrap_or(o.steps);
-        // The warm-up is at most a fifth of a short run, unless `--set` names it.
+        // The warm-up of the learning rate takes at most a fifth of the run, unless `--set` gives its length.
         o.warm_up = o.warm_up.min(o.steps / 5);
         config.pixels = self.pixels.unwrap_or(config.pixels);
         // The seed is set last, as TOML has no u64.
@@ -214,7 +214,7 @@ impl Fit {
     /// Checks the options before anything is read. Returns the path of the checkpoint and the folder of the snapshots,
     /// each `None` if not written.
     fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
-        // The settings are checked before the picture is read, and again with its size.
+        // The picture's size is still unknown. The settings are checked again when it is known.
         self.config([MAX_SIDE; 2])?;
         let checkpoint =
             self.conduct.check(self.conduct.claims(Claims::default().reads("the picture", &self.photo)))?;

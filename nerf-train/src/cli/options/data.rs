@@ -19,13 +19,14 @@ use std::time::Duration;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Data set")]
 pub struct DataOptions {
-    /// Camera axes: opengl (looks along −Z) or opencv (looks along +Z) [default: the layout's].
+    /// Camera axes: opengl (looks along −Z) or opencv (looks along +Z) [default: by the layout].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
     /// Near plane, world units along the ray.
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Far plane, world units along the ray; in an unbounded scene, measured from its centre.
+    /// Far plane, world units along the ray. In training of an unbounded scene, counted from its centre, not from the
+    /// camera.
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
     /// Layout of a folder: transforms (Blender, nerfstudio, instant-ngp), colmap or llff [default: the first that
@@ -36,11 +37,11 @@ pub struct DataOptions {
     /// Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics: shared (one set for all photographs of a device) or own (each photograph's, as in COLMAP) [default:
-    /// shared; with a scene file: as trained].
+    /// Intrinsics: shared (one set for all photographs of a device) or own (those of the COLMAP reconstruction,
+    /// unchanged) [default: shared; with a scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
-    /// Allow file_path entries of transforms files that lead out of the data set's folder.
+    /// Allow transforms files to name images outside the data set's folder.
     #[arg(long)]
     pub outside_files: bool,
 }
@@ -69,7 +70,7 @@ impl Space {
         }
     }
 
-    /// Sets the contraction for `contracted`, removes it for `box`, does nothing for `auto`; overrides preset and file.
+    /// Adds a contraction to `config` if `contracted`, removes it if `box`, and leaves `config` as it is if `auto`.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -124,7 +125,8 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// As [`Self::read_given_for`], but views that have a refined pose in the file next to `file` get this pose.
+    /// Reads a data set as [`Self::read_given_for`] does. A view gets its refined pose, if one is stored next to
+    /// `file`.
     pub fn read_for(
         &self,
         path: &Path,

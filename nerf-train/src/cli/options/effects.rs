@@ -17,7 +17,7 @@ pub struct EffectOptions {
         value_parser = value_parser!(u16).range(1..=256)
     )]
     antialias: u16,
-    /// Seed of random sample offsets: noise instead of banding [default: no offsets].
+    /// Seed of random sample offsets, which turn banding into noise [default: no offsets].
     #[arg(long, value_name = "SEED")]
     jitter: Option<u64>,
     /// Depth of field: radius of the aperture, world units; needs --focus, and --antialias of about 16 or more.

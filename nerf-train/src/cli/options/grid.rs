@@ -45,7 +45,7 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
     bytes.ok_or_else(|| "expected a number of bytes above 0, such as 131072, 128k or 1m".into())
 }
 
-/// Sets the setting `to` to the value of its flag, `from`, if the flag is given.
+/// Sets `to` to the value of the flag `from`, if the flag is given.
 pub fn set<T: Clone>(to: &mut T, from: &Option<T>) {
     if let Some(value) = from {
         *to = value.clone();
@@ -58,8 +58,8 @@ pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'stati
 }
 
 impl TableSettings {
-    /// Overrides the settings of `grid` by these flags. Without a grid, fails if one of these flags is given, or if
-    /// `more` names another given flag that needs a grid.
+    /// Overrides the settings of `grid` by these flags. `more`: name of another given flag that needs a grid. Fails if
+    /// there is no grid, but one of these flags or `more` is given.
     pub fn apply(
         &self,
         grid: Option<&mut TableConfig>,
@@ -103,8 +103,9 @@ impl TableSettings {
     }
 }
 
-/// Memory for each feature in a grid's tables, bytes. Training holds the feature, its gradient, two moments of Adam, the
-/// average and the exported half (22). Writing a checkpoint holds five numbers more (20), and these twice as bytes (40).
+/// Memory per feature of a grid's tables, bytes. Training holds the feature, its gradient, two moments of Adam, the
+/// average and an f16 copy for export (22). Writing a checkpoint holds five more numbers (20), and these twice as bytes
+/// (40).
 const BYTES_PER_VALUE: u64 = 82;
 
 /// Refuses tables that do not fit into memory.

@@ -94,11 +94,11 @@ impl Conduct {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Checks the options, and checks `claims` with the checkpoint added as an output. Creates the folders of the
-    /// outputs. Returns the path of the checkpoint; `None` if the output is a device.
+    /// Checks the options and `claims`, the paths that the command reads and writes, with the checkpoint added. Creates
+    /// the folders of the outputs. Returns the path of the checkpoint; `None` if the output is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
-        // With an infinite interval no checkpoint is written during training.
+        // An infinite interval is valid: no checkpoint is written during training.
         if self.checkpoint_every.is_nan() || self.checkpoint_every < 0.0 {
             bail!("--checkpoint-every: expected seconds of at least 0, found {}", self.checkpoint_every);
         }
@@ -127,7 +127,8 @@ impl Conduct {
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Returns the options of a run. With `--max-seconds`, `steps` is ignored unless a flag gave it (`asked`).
+    /// Returns the options of a run. `asked`: whether a flag gave `steps`. If not, a run with `--max-seconds` has no
+    /// limit of steps.
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

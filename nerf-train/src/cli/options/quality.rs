@@ -19,7 +19,7 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Weight that samples accumulate between two colour evaluations; 0: colour is evaluated at every sample.
+    /// Compositing weight that samples accumulate before colour is evaluated again; 0: evaluate colour at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space: ignore the occupancy grid.
@@ -34,8 +34,8 @@ pub struct QualityOptions {
     /// Implementation of exp, sin and other functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Range of samples without a learned grid: own (near to far, as trained) or whole (scene box) [default: whole; own
-    /// in eval].
+    /// Scenes without a learned grid: place samples from near to far as trained (own) or across the scene box (whole)
+    /// [default: whole; own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }

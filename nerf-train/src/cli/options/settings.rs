@@ -8,11 +8,10 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::Path;
 
-/// Settings of `--set`; each overrides the setting of the same path in the TOML file.
+/// Settings given by `--set`; each overrides the TOML file's setting of the same name.
 #[derive(Debug, Default, Args)]
 pub struct SetOption {
-    /// Override one setting by its path, such as optimiser.beta2=0.99; may be repeated (`config` prints the paths for
-    /// scenes).
+    /// Override one setting, such as optimiser.beta2=0.99; may be repeated (`config` prints the settings of scenes).
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
     pub tables: Vec<toml::Table>,
 }
@@ -75,8 +74,8 @@ pub fn read_config(
             other => other,
         };
         let mut start = preset.config().around(surroundings);
-        // If the file has a grid and the preset has none, missing values come from the preset `grid`; whether the
-        // rest of the network fits is checked later.
+        // If the file has a grid and the preset has none, missing values of the grid come from the preset `grid`.
+        // Later, a check refuses a network that does not fit the grid.
         if given.get("network").is_some_and(|network| network.get("grid").is_some()) {
             start.network.grid = start.network.grid.or(Preset::Grid.config().network.grid);
         }
@@ -141,12 +140,12 @@ mod tests {
         assert_eq!(read("[occupancy]\nhull = false"), gentle);
         assert_eq!(read("[occupancy]\nhull = true"), Preset::Small.config());
         assert_eq!(read("seed = 0"), Preset::Small.config());
-        // Values of the file itself take precedence.
+        // A file without a hull changes defaults only: values that the file gives are kept.
         let mut own = gentle.clone();
         (own.occupancy.from, own.optimiser.rate) = (77, 2e-3);
         assert_eq!(read("[occupancy]\nhull = false\nfrom = 77\n[optimiser]\nrate = 2e-3"), own);
-        // A grid in a file over a preset without one gets missing values from the preset `grid`; settings that
-        // contradict it are refused.
+        // If a file has a grid and the preset has none, missing values come from the preset `grid`. Settings that
+        // contradict a grid are refused.
         let mixed = read("[network.grid]\nlevels = 4");
         let grid = Preset::Grid.config().network.grid.expect("a grid");
         assert_eq!(mixed.network.grid, Some(crate::model::config::TableConfig { levels: 4, ..grid }));

@@ -28,10 +28,10 @@ use std::time::Instant;
 
 /// Render a view or a video of a scene.
 ///
-/// Without --pose, --data, --path or --orbit, the view is the first of the orbit. A view is written as PNG, or as EXR
-/// if its name ends in .exr. An EXR holds floats: linear colour, and z-depth in channel Z. With --transparent, its
-/// colour is premultiplied, and alpha is in channel A. A video is written as GIF (`orbit.gif`), as MP4 by an installed
-/// ffmpeg (`orbit.mp4`), or as numbered PNGs in a folder (`frames/`).
+/// Without --pose, --data, --path or --orbit, the view is the first of an orbit around the scene. A view is written as
+/// PNG, or as EXR if its name ends in .exr. An EXR holds floats: linear colour, and z-depth in channel Z. With
+/// --transparent, its colour is premultiplied, and alpha is in channel A. A video is written as GIF (`orbit.gif`), as
+/// MP4 by an installed ffmpeg (`orbit.mp4`), or as numbered PNGs in a folder (`frames/`).
 ///
 /// The first of several --outputs gets the name that -o gives. The names of the others get a suffix: with -o view.png,
 /// z-depth goes to view_z_depth.png. The file that -o names is replaced. Other files (further outputs, frames in a
@@ -110,7 +110,7 @@ pub struct Render {
     /// Write alpha: straight in PNG, premultiplied in EXR. For a view or a folder of frames.
     #[arg(long, conflicts_with_all = ["background", "exposure", "tone_map", "linear"])]
     transparent: bool,
-    /// Width of the blur of the density from which normals are computed, in sample spacings; 0: no blur.
+    /// Blur of the density before normals are computed: width in sample spacings; 0: no blur.
     #[arg(long, value_name = "BINS", default_value_t = Plan::NORMAL_BLUR)]
     normal_blur: f32,
     #[command(flatten)]
@@ -153,7 +153,7 @@ impl Render {
         let fps = self.fps.or(fps).unwrap_or(20.0);
         let writers = outputs.map(|output| target::writer(self, &target, output, range(output), shard, fps));
         let mut writers = writers.collect::<anyhow::Result<Vec<_>>>()?;
-        // The shard is selected after the colour ranges, which all shards share.
+        // All shards share the colour ranges, so these are computed before the shard is selected.
         let mine = |(i, camera): (usize, Camera)| shard.takes(i).then_some(camera);
         let cameras: Vec<Camera> = cameras.into_iter().enumerate().filter_map(mine).collect();
         let mut progress = Progress::steps("render", cameras.len(), global.style());

@@ -34,7 +34,7 @@ pub struct LookAt {
 }
 
 impl LookAt {
-    /// Look-at point of `cameras`; `None` if their axes are nearly parallel, or there are fewer than two.
+    /// Look-at point of `cameras`; `None` if there are fewer than two cameras, or if their axes are nearly parallel.
     pub fn of(cameras: &[Camera]) -> Option<Self> {
         let line = |camera: &Camera| {
             (camera.pose().position.as_dvec3(), camera.pose().forward().as_dvec3().normalize_or_zero())
@@ -42,13 +42,14 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Point nearest to `lines`, each a point and a unit direction; `None` if nearly parallel or fewer than two.
+    /// Point nearest to `lines`, each a point and a unit direction. `None` if there are fewer than two lines, or if
+    /// they are nearly parallel.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
         }
         let count = lines.len() as f64;
-        // Relative to the mean position, for precision in scenes far from the origin.
+        // Coordinates are relative to the mean position, for precision in scenes far from the origin.
         let centre = lines.iter().map(|line| line.0).sum::<DVec3>() / count;
         let across = |dir: DVec3| DMat3::IDENTITY - outer(dir, dir);
         let spread = smallest_eigenvalue(lines.iter().map(|l| across(l.1)).sum::<DMat3>() * (1.0 / count));
@@ -102,12 +103,12 @@ impl LookAt {
         self.mean_residual <= 0.3 * self.mean_distance
     }
 
-    /// Whether the axes meet at the point and at most a tenth of the cameras have the point behind them.
+    /// Whether the axes meet ([`Self::axes_meet`]), and the point is in front of at least nine in ten cameras.
     pub fn agrees(&self) -> bool {
         self.axes_meet() && self.behind <= 0.1
     }
 
-    /// Whether the cameras look in nearly the same direction, so that the point is uncertain.
+    /// Whether the cameras look in nearly the same direction. The depth of the point is then uncertain.
     pub fn forward_facing(&self) -> bool {
         f64::from(self.spread) < FORWARD_FACING
     }
@@ -152,9 +153,10 @@ pub struct SceneBounds {
 /// Near and far distance, world units, and scene box of a data set. `None` if neither data nor cameras give them, or if
 /// `near` is not less than `far`.
 ///
-/// `near` and `far` are the data set's own, if stated. Otherwise they are 2 and 6, as usual, if the cameras of a
-/// NeRF-synthetic, CS180 or tiny_nerf data set are about 4 world units from their look-at point. Otherwise `near` is
-/// half the smallest camera distance from that point, and `far` = largest + mean camera distance − `near`.
+/// `near` and `far` are the data set's own, if stated. Otherwise they follow from the distances of the cameras from
+/// their look-at point. If these are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set, `near` is 2
+/// and `far` is 6, as usual. In all other cases, `near` is half the smallest distance, and `far` = largest + mean
+/// distance − `near`.
 ///
 /// The box is a cube around the look-at point; its half side is the mean camera distance minus `near`. If the look-at
 /// point is unreliable, or nearer than `near`, the box encloses all view frusta from `near` to `far`.

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 
-/// The origin is moved if its distance from the middle of the cameras is more than this many times half their extent.
-/// At that distance f32 rounds positions to 4e-6 of the half extent, about a hundredth of a pixel.
+/// The origin is moved if it is farther from the middle of the cameras' bounding box than this multiple of half the
+/// box's longest side. At that distance f32 rounds positions to 4e-6 of the half side, about a hundredth of a pixel.
 const FAR_AWAY: f64 = 64.0;
 
-/// Text that precedes the coordinates of a moved origin at the end of a data set's name.
+/// Beginning of the suffix with the coordinates of a moved origin in a data set's name.
 pub(crate) const STATED: &str = ", origin at (";
 
 /// New origin, in the file's world. If the cameras are far from the file's origin, the new origin is a point near their
@@ -30,7 +30,7 @@ pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     if rounded.is_finite() { rounded } else { DVec3::ZERO }
 }
 
-/// Reads the origin from the data set's name that a blob stores; (0, 0, 0) if the name states none.
+/// Reads the origin from `name`, the data set's name in a `.nerf` blob; (0, 0, 0) if the name states none.
 pub fn origin_in_name(name: &str) -> [f64; 3] {
     let stated = || {
         let numbers = name.rsplit_once(STATED)?.1.strip_suffix(')')?;

@@ -1,4 +1,5 @@
-//! Refined poses next to a blob: `FILE.poses.json`, a transforms.json of the photographs that the blob was fitted to.
+//! Refined poses next to a `.nerf` blob: `FILE.poses.json`, a transforms.json of the photographs to which the field in
+//! the blob was fitted.
 
 use super::optics_by_name;
 use super::pose::pose_of;
@@ -28,7 +29,7 @@ struct Frame {
     transform_matrix: [[f64; 4]; 4],
 }
 
-/// Path of the file of a blob's refined poses: the blob's path with `.poses.json` appended.
+/// Path of the file with the refined poses of a `.nerf` blob: the blob's path with `.poses.json` appended.
 pub fn beside(blob: &Path) -> PathBuf {
     let mut name = blob.as_os_str().to_owned();
     name.push(".poses.json");
@@ -36,7 +37,8 @@ pub fn beside(blob: &Path) -> PathBuf {
 }
 
 impl RefinedPoses {
-    /// Collects pairs of a view and its refined camera. `origin`: origin of the coordinates, in the file's world.
+    /// Collects pairs of a view and its refined camera. `origin`: origin of the cameras' coordinates, in the world of
+    /// the data set's file.
     pub fn of<'v>(views: impl IntoIterator<Item = (&'v View, Camera)>, origin: [f64; 3]) -> Self {
         Self { frames: views.into_iter().map(|(view, camera)| Frame::of(view, &camera, origin)).collect() }
     }
@@ -46,7 +48,7 @@ impl RefinedPoses {
         serde_json::to_string_pretty(self).expect("plain data") + "\n"
     }
 
-    /// Reads the refined poses next to a blob; `None` if the file does not exist.
+    /// Reads the refined poses next to a `.nerf` blob; `None` if their file does not exist.
     pub fn beside(blob: &Path) -> Result<Option<Self>, DatasetError> {
         let file = beside(blob);
         match read_limited(&file, MAX_JSON_BYTES) {

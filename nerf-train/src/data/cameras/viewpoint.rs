@@ -12,10 +12,10 @@ use std::f32::consts::TAU;
 const MOST: f32 = 0.95;
 /// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Limits on the eigenvalues e1 ≤ e2 ≤ e3 of the scatter matrix of the cameras' x axes: largest e1 / e2, smallest e2.
-/// Beyond these limits, the x axes do not determine the up direction.
+/// Limits (maximum of e1 / e2, minimum of e2) on the eigenvalues e1 ≤ e2 ≤ e3 of the scatter matrix of the cameras' x
+/// axes. Beyond these limits, the x axes do not determine the up direction.
 const LEVEL: (f64, f64) = (0.15, 0.02);
-/// Minimum number of sparse points in a view from which the scene's depth is estimated.
+/// Minimum number of sparse points that a view must show for an estimate of the scene's depth from them.
 const ENOUGH_POINTS: usize = 8;
 
 /// Initial viewpoint, chosen from the training cameras; `None` if there is no valid one. `range`: near and far
@@ -95,7 +95,8 @@ impl Place {
     }
 }
 
-/// Start and length, radians, of the shortest arc that covers the fraction [`MOST`] of `azimuths`; `None` without any.
+/// Start and length, radians, of the shortest arc that covers the fraction [`MOST`] of `azimuths`; `None` if there are
+/// none.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();
@@ -129,8 +130,8 @@ fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let least = smallest_eigenvalue(m);
     let rest = m - DMat3::from_diagonal(DVec3::splat(least));
     let (x, y, z) = (rest.x_axis, rest.y_axis, rest.z_axis);
-    // Columns of the adjugate of `rest`: each is the normal, times one of its components, times the product of the
-    // other two eigenvalues.
+    // Columns of the adjugate of `rest`: the outer product of the normal with itself, times the product of the two
+    // eigenvalues other than 0.
     let normals = [y.cross(z), z.cross(x), x.cross(y)];
     let product = normals[0].x + normals[1].y + normals[2].z;
     let half = 0.5 * (x.x + y.y + z.z);

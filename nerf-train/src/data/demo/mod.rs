@@ -96,7 +96,7 @@ pub struct Hit {
 
 /// First hit of the ray through the image point `(x, y)`, pixels; a pixel's centre is at `+ 0.5`. `None`: no hit.
 ///
-/// Distances are within 1e-5 of the true surface: computed in f64, in closed form or by iteration.
+/// Distances differ from the exact values by less than 1e-5 world units.
 pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
     let ray = camera.ray(x, y);
     let (origin, dir) = (ray.origin.as_dvec3(), ray.dir.as_dvec3().normalize());

@@ -16,7 +16,7 @@ const STEP: f32 = 6.0;
 const SIZE: u32 = 160;
 /// Spacing, in columns and in rows, of the pixels from which sparse points are made.
 const POINT_EVERY: usize = 9;
-/// One photograph in this many gives sparse points.
+/// One in this number of photographs gives sparse points.
 const VIEW_EVERY: usize = 3;
 
 /// One photograph. `pose`: its camera in the data set. `taken`: the camera that took it. `turn`: angle around the scene
@@ -28,8 +28,8 @@ struct Shot {
 }
 
 impl Shot {
-    /// Position of a sparse point in this photograph, pixels. `turn`: the turn of the photograph that the point was
-    /// made from. `None` if the point is hidden or outside of the picture, or if `turn` is not this photograph's turn.
+    /// Pixel at which this photograph shows a sparse point. `turn`: [`Shot::turn`] of the photograph that gave the
+    /// point. `None` if `turn` differs from this photograph's, or if the point is hidden or outside of the picture.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;

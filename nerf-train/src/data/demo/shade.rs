@@ -3,7 +3,7 @@
 use super::shapes::{FLOOR, Look, Shape, lit, openness};
 use glam::{DVec3, Vec3};
 
-/// Direction towards the light, not of unit length.
+/// Unnormalised direction towards the light.
 const LIGHT: Vec3 = Vec3::new(0.55, -0.75, 1.05);
 const LIGHT_COLOUR: Vec3 = Vec3::new(1.08, 1.0, 0.88);
 const SKY: Vec3 = Vec3::new(0.42, 0.47, 0.56);
@@ -17,7 +17,7 @@ struct Surface {
     exponent: f32,
 }
 
-/// Display-encoded sRGB in [0, 1] of `point` on `shape`, seen along `dir`.
+/// Display-encoded sRGB in [0, 1] of `point` on `shape`. `dir`: unit direction from the camera to the point.
 pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> [f32; 3] {
     let light_dir = LIGHT.normalize();
     let surface = surface(shape.look, (point - shape.centre).as_vec3(), point.as_vec3(), normal.as_vec3());

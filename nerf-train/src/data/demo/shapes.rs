@@ -191,7 +191,7 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     nearest.map(|(t, shape)| Found { t, shape, normal: shape.normal(origin + dir * t) })
 }
 
-/// Fraction, 0..=1, of a small round light in direction `dir` that is visible from `point`.
+/// Visible fraction, 0..=1, of a small round light in direction `dir`, as seen from `point`.
 ///
 /// # Source
 /// Quilez, "Soft shadows in raymarched SDFs": the closest miss of a shape gives the penumbra.
@@ -223,8 +223,8 @@ pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     light * light * (3.0 - 2.0 * light)
 }
 
-/// Ambient occlusion: fraction of the hemisphere around `normal` that is open, up to 1, estimated from the distances
-/// between points along `normal` and the scene.
+/// Ambient occlusion: a factor from 0.25 (enclosed) to 1 (open) on light from the hemisphere around `normal`. Estimated
+/// from the scene's distance at four points along `normal`.
 pub(super) fn openness(point: DVec3, normal: DVec3) -> f64 {
     const PROBES: u32 = 4;
     let (mut closed, mut total) = (0.0, 0.0);

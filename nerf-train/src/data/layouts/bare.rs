@@ -51,7 +51,7 @@ impl Bare {
     /// Makes the error that `folder` has photographs but no poses, with advice on how to find poses.
     pub(crate) fn no_poses(self, folder: &Path) -> DatasetError {
         let sparse = folder.join("sparse");
-        // Not in the folder of photographs: COLMAP would take the database for a photograph.
+        // The database is outside of the folder of photographs: COLMAP would take it for a photograph.
         let database = sparse.join("database.db");
         let made = format!("mkdir -p {}", quoted(&sparse));
         let stages = commands::by_hand(&self.folder, &database, &sparse, self.cameras.len() == 1);

@@ -34,7 +34,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     let headers = || all().map(|transforms| &transforms.header);
     let near = headers().find_map(|header| header.near);
     let far = headers().find_map(|header| header.far);
-    // Published figures are for the original size: pictures are made smaller only on request.
+    // Published PSNRs are measured at the original size. Pictures are therefore made smaller only on request.
     let downscale = Some(options.downscale).filter(|downscale| *downscale != Downscale::Auto);
     let mut views = |(file, transforms): &(PathBuf, Option<Transforms>)| match transforms {
         Some(transforms) => transforms.views(file, options, (downscale, origin), watch, &mut found),

@@ -135,7 +135,7 @@ fn cameras(
     c2ws.iter().enumerate().map(make).collect()
 }
 
-/// Warnings, one for each array without alpha if another array has alpha.
+/// One warning for each array of pictures without alpha, if another array has alpha; otherwise empty.
 fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
     let alpha = |views: &[View]| views.iter().any(View::has_alpha);
     let read = || splits.iter().filter(|(_, views)| !views.is_empty());
@@ -152,7 +152,7 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
 
 /// Number of views in the file of the original NeRF notebook. The notebook fits the first 100 of them.
 const NOTEBOOK_VIEWS: usize = 106;
-/// Index of the first validation view of the notebook's file: the view that all its figures show.
+/// Index of the first validation view of the notebook's file: the view that the notebook plots.
 const NOTEBOOK_VALIDATION: usize = 101;
 /// Number of validation views in any other file of this layout; they are the last views.
 const LAST: usize = 6;

@@ -25,7 +25,8 @@ struct Frame {
     depth_file_path: Option<String>,
 }
 
-/// Returns `claims` with the files of the data set at `path`, if given, added as inputs that must not be overwritten.
+/// Adds the files of the data set at `path` to `claims`, as inputs that must not be overwritten. Without a `path`,
+/// returns `claims` unchanged.
 pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     claims: Claims,
     path: impl Into<Option<&'p P>>,

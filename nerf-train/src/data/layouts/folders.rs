@@ -10,11 +10,11 @@ pub(crate) const IMAGES: &str = "images";
 /// Usual folder of masks; COLMAP's convention is `masks/NAME.png` for `images/NAME`.
 const MASKS: &str = "masks";
 
-/// Path of a photograph's file, and the reduction that remains to be applied to the picture.
+/// A photograph's file, and the reduction to be applied to its picture.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor by which the photograph is still reduced, relative to the size that the data set states. `None`: the
-    /// photograph keeps the file's size.
+    /// Factor by which the reduced picture is smaller than the size that the data set states. `None`: the picture keeps
+    /// the file's size.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
@@ -46,8 +46,8 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// Folders to search for photographs, best first. Each comes with the reduction still to be applied (or `None`),
-    /// and whether its pictures are reduced copies. `size`: picture size that the data set states, pixels.
+    /// Folders to search for photographs, best first: path, [`Located::downscale`], and whether the folder holds
+    /// reduced copies. `size`: picture size that the data set states, pixels.
     ///
     /// Copies reduced by the requested factor come first, then larger copies, from small to large. For
     /// [`Downscale::Auto`], smaller copies come last.
@@ -77,8 +77,8 @@ impl Folders {
         })
     }
 
-    /// Pictures of the first of the `candidates`, sorted by the bytes of their names. `size`: size that the data set
-    /// states, pixels.
+    /// Pictures in the folder that suits `downscale` best, sorted by the bytes of their names. `size`: picture size
+    /// that the data set states, pixels.
     pub(crate) fn list(
         &self,
         downscale: Downscale,
@@ -105,7 +105,7 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// Path of the mask of photograph `name`: the first file that exists of NAME.png, STEM.png and NAME in `masks`.
+    /// Path of the mask of photograph `name`. NAME.png, STEM.png and NAME in `masks` are tried in this order.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));
@@ -114,8 +114,8 @@ impl Folders {
     }
 }
 
-/// Path of the copy of a picture that is `factor` times smaller; `None` if there is no copy. For `images/a.jpg` and 4,
-/// the copy is `images_4/a.jpg`, or has the same path with another extension.
+/// Path of a copy, `factor` times smaller, of the picture `file_path`; `None` if there is none. For `images/a.jpg` and
+/// 4, the copy is `images_4/a.jpg`, or that path with another extension.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;

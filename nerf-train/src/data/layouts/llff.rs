@@ -30,8 +30,8 @@ struct Row {
 }
 
 impl Row {
-    /// Parses the 17 numbers of a photograph: a 3×5 matrix, row by row, with the columns down, right, backward, centre,
-    /// and (height, width, focal); then the bounds. The position becomes relative to `origin`.
+    /// Parses the 17 numbers `n` of a photograph: a row-major 3×5 matrix, then the bounds. The matrix's columns are
+    /// down, right, backward, centre, and (height, width, focal). The position becomes relative to `origin`.
     fn new(n: &[f64], origin: DVec3) -> Self {
         let rows = [0, 1, 2].map(|i| [n[5 * i + 1], -n[5 * i], n[5 * i + 2], n[5 * i + 3]]);
         Self { pose: pose_of(rows, origin), size: (n[9], n[4]), focal: n[14], bounds: [n[15], n[16]] }

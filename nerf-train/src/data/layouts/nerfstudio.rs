@@ -10,7 +10,8 @@ use std::path::Path;
 
 pub(crate) const FILE: &str = "transforms.json";
 
-/// Reads one json. Its lists of file names split the views; without lists, every eighth view by path is for validation.
+/// Reads one `transforms.json`. Its lists of file names split the views. Without lists, the views are sorted by path,
+/// and every eighth one is for validation.
 pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();

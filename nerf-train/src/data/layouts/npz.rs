@@ -257,7 +257,8 @@ fn read_header(stream: &mut impl Read) -> Result<(Dtype, bool, Vec<usize>), Stri
     parse_header(&text).ok_or_else(|| format!("{:?}", text.trim_end()))
 }
 
-/// Parses numpy's header dictionary, only in the form that numpy writes: dtype, whether in Fortran order, and shape.
+/// Parses numpy's header dictionary: dtype, whether in Fortran order, and shape. Accepts only the form that numpy
+/// writes.
 fn parse_header(text: &str) -> Option<(Dtype, bool, Vec<usize>)> {
     let after = |key: &str| text.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
     let dtype = Dtype::parse(after("descr")?.strip_prefix('\'')?.split_once('\'')?.0)?;

@@ -71,8 +71,8 @@ impl Decoded {
         (self.image.width(), self.image.height())
     }
 
-    /// Applies the EXIF orientation if only the turned picture has the shape `stated` in the poses' file. Returns a
-    /// note, unless the tag asks for no turn. `says`: name of the poses' file in notes, such as "the json".
+    /// Applies the EXIF orientation if the picture has the shape `stated` in the poses' file only when turned by 90°.
+    /// Returns a note, unless the tag asks for no turn. `says`: name of the poses' file in notes, such as "the json".
     ///
     /// Otherwise the pixels stay as they are stored: COLMAP, nerfstudio and instant-ngp ignore the tag, and poses and
     /// principal points belong to the stored pixels.
@@ -115,7 +115,7 @@ pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     }
     let endings = || ENDINGS.into_iter().chain(REFUSED_ENDINGS);
     endings().map(str::to_owned).chain(endings().map(str::to_uppercase)).find_map(|extension| {
-        // Appends the extension and replaces none: the `.5` of `r_0.5` is no extension.
+        // Appends the extension to the whole name: the `.5` of `r_0.5` is no extension.
         let mut name = written.clone().into_os_string();
         name.push(".");
         name.push(extension);

@@ -20,7 +20,7 @@ pub(crate) struct Found {
     masked: usize,
     /// Names of pictures that are masked out entirely.
     hidden: Vec<String>,
-    /// Number of views with a note. Key: name of the poses' file, and the note.
+    /// Number of views with each note. Key: name of the poses' file, and the note.
     said: BTreeMap<(String, String), usize>,
 }
 

@@ -44,8 +44,8 @@ pub(crate) struct Photo<'a> {
     /// Path of the mask. Pixels that are black in the mask are neither trained on nor evaluated.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) stated: StatedSize,
-    /// Factor by which the picture is reduced: [`Downscale::By`] from the size `stated`, [`Downscale::Auto`] from the
-    /// file's size. `None`: the picture keeps the file's size.
+    /// Factor by which the picture is reduced. [`Downscale::By`] counts from the size `stated`, [`Downscale::Auto`]
+    /// from the file's size. `None`: the picture keeps the file's size.
     pub(crate) downscale: Option<Downscale>,
     /// Whether the picture's file is a copy that is known to be smaller than `stated`.
     pub(crate) reduced: bool,

@@ -96,7 +96,8 @@ pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     Picture { width, height, pixels, alpha }
 }
 
-/// Adds a source row to `sums` (colour times alpha, and alpha). `part`: fraction of the row that the target row covers.
+/// Adds a source row to `sums` (colour times alpha, and alpha). `columns`: [`covered`] of each target column. `part`:
+/// fraction of the source row that the target row covers.
 fn add_row(sums: &mut [[f32; 4]], row: &[u8], channels: usize, columns: &[(usize, Vec<f32>)], part: f32) {
     for (sum, (first, shares)) in sums.iter_mut().zip(columns) {
         for (pixel, share) in row[first * channels..].chunks_exact(channels).zip(shares) {

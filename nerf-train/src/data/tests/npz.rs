@@ -223,7 +223,7 @@ fn no_truncation_and_no_bit_flip_panics() {
 
 #[test]
 fn no_bit_flip_in_an_array_header_panics() {
-    // The zip is written after the flip, so that its checksum is right and the array header is parsed.
+    // The zip is written after the bit flip, so that its checksum is right and the array header is parsed.
     let folder = tempfile::tempdir().expect("tempdir");
     let good = whole(Made("|u1", "(3, 2, 4, 3)", (0..72).collect()));
     for bit in 0..8 * (good.len() - 72) {

@@ -324,8 +324,8 @@ fn a_model_cut_at_any_byte_is_refused_with_its_file() {
             }
             std::fs::write(&path, &whole).expect("written");
         }
-        // A shortened points3D.txt may be read if it ends with a whole line. In the other text files, a comment states
-        // the number of items.
+        // A shortened points3D.txt may be read if it ends with a whole line. The other text files state the number of
+        // items in a comment, so that shortening is an error.
         assert!(
             accepted.iter().all(|(name, length, line)| *name == "points3D.txt" && (*line || *length == 0)),
             "{accepted:?}"
@@ -339,7 +339,8 @@ fn counts_near_the_end_of_u64_take_no_memory() {
     let made = Made::plain(3);
     let folder = folder_of(&made);
     let model = folder.path().join("sparse/0");
-    // Tests the counts at the start of the files, of a photograph's key points, and of a point's track.
+    // Tests three kinds of counts: of a file's items, of a photograph's key points, and of the photographs in a point's
+    // track.
     let images = std::fs::read(model.join("images.bin")).expect("read");
     let points_of_first = 8 + 4 + 56 + 4 + "0.jpg".len() + 1;
     for (name, at) in [

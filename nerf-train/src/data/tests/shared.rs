@@ -6,7 +6,7 @@ use crate::tools::data;
 use glam::{DQuat, DVec3, EulerRot};
 use std::fmt::Write;
 
-/// Width and height of the photographs that are not turned.
+/// Width and height of the photographs that are not turned by 90°.
 const SIZE: (u32, u32) = (80, 60);
 /// True focal length, pixels.
 const FOCAL: f64 = 100.0;

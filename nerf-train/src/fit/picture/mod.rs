@@ -76,7 +76,7 @@ impl EvaluationTime {
     }
 }
 
-/// Message for the user if a signal ended the run after `steps` steps. `output`: file of the blob.
+/// Message for the user if a signal ended the run after `steps` steps. `output`: path of the file with the field.
 pub fn kept(steps: u32, output: &Path, checkpoint: Option<&Path>) -> String {
     format!(
         "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured{}",
@@ -135,7 +135,7 @@ struct Session<'a, 'p> {
     trainer: FieldTrainer<'p>,
     photo: &'p Photo,
     options: &'a RunOptions,
-    /// Path of the blob, written at the end or when a signal stops the run; `None` writes no blob.
+    /// Path of the exported file, written at the end or when a signal stops the run. `None` writes no file.
     output: Option<&'a Path>,
     clock: Clock,
     time: EvaluationTime,

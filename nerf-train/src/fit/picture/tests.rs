@@ -155,7 +155,7 @@ fn options(steps: u32) -> RunOptions {
     }
 }
 
-/// Photograph with a smooth red, a green with a sharp edge, and a constant blue channel.
+/// Photograph with a smooth red channel, a green channel with a sharp edge, and a constant blue channel.
 fn test_photo(width: usize, height: usize) -> Photo {
     let pixel = |i: usize| {
         let (x, y) = ((i % width) as f32 / width as f32, (i / width) as f32 / height as f32);

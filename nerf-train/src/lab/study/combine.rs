@@ -1,4 +1,5 @@
-//! Combinations of knobs' values that are worth rendering, predicted from measurements of single knobs.
+//! Combinations of several knobs (settings that trade accuracy for time) that are worth rendering, predicted from
+//! measurements of single knobs.
 
 use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
@@ -57,7 +58,8 @@ fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
 mod tests {
     use super::*;
 
-    /// Choices of the knob called `name`: settings made by `set`, and prices, from `rows` of (value, loss in dB, cost).
+    /// Choices of the knob called `name`. `set`: writes a value of the knob into settings. `rows`: value, loss of PSNR
+    /// in dB, cost.
     fn choices(name: &str, set: fn(&mut Settings, f32), rows: &[(f32, f64, f64)]) -> Choices {
         let knob = KNOBS.iter().position(|knob| knob.name == name).expect("a knob");
         let row = |&(value, loss_db, cost): &(f32, f64, f64)| {

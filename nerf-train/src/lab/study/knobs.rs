@@ -8,7 +8,8 @@ use nerf_core::{Isa, Kernel, Storage};
 /// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
-    /// Whether points on a blob's Pareto front store this setting. Otherwise all stored points have the base's value.
+    /// Whether each point of a blob's Pareto front stores this setting. If not, all points have the value of the base
+    /// settings.
     pub in_blob: bool,
     /// Whether values of this knob are also tried in combination with values of other knobs.
     pub combines: bool,
@@ -19,9 +20,9 @@ pub struct Knob {
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Numbers of samples per ray to try, as fractions of the number in training. For scenes whose samples lie in bins.
+/// Numbers of samples per ray to try if samples lie in bins, as fractions of the number in training.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
-/// March steps to try, in hundredths of the step in training. For scenes whose rays are marched.
+/// March steps to try if rays are marched, in hundredths of the step in training.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
 const TRANSMITTANCE: [f32; 6] = [0.0, 1e-3, 3e-2, 0.1, 0.2, 0.3];
 const COLOUR: [f32; 5] = [0.0, 1e-2, 3e-2, 0.1, 0.2];

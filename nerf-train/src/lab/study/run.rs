@@ -29,11 +29,11 @@ use std::time::{Duration, Instant};
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Largest loss of PSNR, against the exact rendering, of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Loss of PSNR against the exact rendering, dB, up to which a point of a blob's Pareto front has at most the march
-/// step of training. The loss from longer steps differs from view to view.
+/// Points of a blob's Pareto front that lose at most this PSNR against the exact rendering, dB, do not march in longer
+/// steps than training did. The loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Largest number of combinations that are chosen from all knobs. Up to the same number is chosen from only the knobs
-/// that a blob's Pareto front stores.
+/// Up to this number of combinations is chosen from all knobs, and up to this number from only the knobs that a blob's
+/// Pareto front stores.
 const COMBINATIONS: usize = 12;
 /// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;
@@ -164,8 +164,8 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// For each knob that combines: prices of its values against the base settings. Slow settings are left out.
-    /// `in_blob`: only knobs that a blob stores.
+    /// For each knob that is tried in combinations, its values with their prices relative to the base settings. Slow
+    /// settings are left out. `in_blob`: whether to take only knobs that a blob stores.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
         let of_knob = |index: usize| {
@@ -221,7 +221,8 @@ impl<'a, 'b> Study<'a, 'b> {
         let settings: Vec<Settings> = which.iter().map(|&i| self.points[i].settings).collect();
         let mut order: Vec<(usize, usize)> = Vec::new();
         for view in 0..self.views.len() {
-            // A missing exact frame comes first. Otherwise the order rotates: no point always follows the same one.
+            // A missing exact frame comes first. Otherwise the order rotates, so that the point rendered before another
+            // one changes.
             let turn = if view < self.exact.len() { pass + view } else { 0 };
             let turned = (0..which.len()).map(|i| which[(i + turn) % which.len()]);
             let wanted = turned.filter(|&i| self.wanted(&self.points[i], view, only_timing));
@@ -294,10 +295,10 @@ impl<'a, 'b> Study<'a, 'b> {
         pareto(&self.times())
     }
 
-    /// Indices of the points on the blob's Pareto front over multiply-adds, most expensive first, and the price of
-    /// every point; cost is NaN for points that the front cannot have.
+    /// Indices of the points on the blob's Pareto front over multiply-adds, most expensive first. Also returns the
+    /// price of every point; the cost is NaN for points that cannot be on the front.
     ///
-    /// The front has at most [`MAX_FRONT`] points. A blob can store their settings, and each loses at most
+    /// The front has at most [`MAX_FRONT`] points. Each has settings that a blob can store, and loses at most
     /// `BLOB_LOSS_DB`. Points that lose at most `TRAINED_STEP_LOSS_DB` do not march in longer steps than training did.
     pub fn blob_front(&self) -> (Vec<usize>, Vec<Price>) {
         let base = Settings::base();

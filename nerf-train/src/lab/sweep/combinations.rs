@@ -59,7 +59,7 @@ impl Knob {
     }
 }
 
-/// Settings of one run of a sweep: a value for each [`Knob`] of its field.
+/// Settings of one run of a sweep: values of the [`Knob`]s that its kind of field has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct Point([Option<f64>; Knob::Seconds as usize + 1]);
 
@@ -124,7 +124,7 @@ impl<'de> Deserialize<'de> for Point {
 pub enum Mode {
     /// All combinations of the lists' values.
     Full,
-    /// The values of one list at a time; the other settings stay at the base.
+    /// One list is varied at a time; the other settings stay at the base.
     OneAtATime,
 }
 

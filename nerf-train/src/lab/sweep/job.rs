@@ -48,7 +48,7 @@ pub struct Runner<'a> {
 pub type Run = (Record, Option<Picture>);
 
 impl Job<'_> {
-    /// Base values of the settings that are varied.
+    /// Values, in the base settings, of the settings that a sweep can vary.
     pub fn base_point(&self) -> Point {
         match self {
             Self::Image { base, .. } => {
@@ -129,7 +129,8 @@ impl Job<'_> {
     }
 }
 
-/// Base values of the knobs: settings of a learned grid, or else levels, layers and width of a sinusoidal network.
+/// Values of the knobs in the base settings: those of the learned grid if there is one, otherwise levels, layers and
+/// width of a sinusoidal network. `rate`: learning rate.
 fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
     let point = match grid {
         Some(grid) => Point::of(&[
@@ -208,8 +209,8 @@ fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Rec
     }
 }
 
-/// Status of a run, and the reason if the run is flat. `flat_psnr_db`: PSNR of one flat colour, dB; a flat run does not
-/// exceed this.
+/// Status of a run, and the reason if the run is flat: its PSNR is no higher than `flat_psnr_db`, the PSNR of a single
+/// colour, dB.
 fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
     match flat {
         true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),

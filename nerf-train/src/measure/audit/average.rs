@@ -6,7 +6,8 @@ use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_bloc
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
 
-/// Largest number of rays per view in the mean of the encoded direction. Neighbouring rays have similar directions.
+/// Largest number of rays per view in the mean of the encoded direction. More are not needed, as neighbouring rays have
+/// similar directions.
 const RAYS: usize = 4096;
 /// Number of directions that are encoded at once.
 const BLOCK: usize = 64;
@@ -52,8 +53,8 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
 /// Returns architecture and parameters without view dependence; `None` if colour does not depend on the direction.
 ///
 /// The encoded direction PE(d) is replaced by `mean`: the product of PE(d)'s weights and `mean` is added to the biases,
-/// in f64. Parameters are in the order of a blob's weights. If all weights of PE(d) are 0, colours stay exactly the
-/// same.
+/// in f64. Parameters are in the order of a scene file's weights. If all weights of PE(d) are 0, colours stay exactly
+/// the same.
 pub fn without_direction(
     architecture: &Architecture,
     parameters: &[f32],
@@ -92,7 +93,8 @@ pub fn flattened(
     without_direction(architecture, parameters, &mean)
 }
 
-/// Whether the layer's input is `[h, PE(d)]`: a first colour layer of a network with view dependence.
+/// Whether the layer's input contains the encoded direction PE(d): the first colour layer of a network with view
+/// dependence.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
 }
@@ -142,8 +144,8 @@ mod tests {
         }
     }
 
-    /// A layer without its activation is linear in PE(d): for any `h`, its mean over directions is the output of the
-    /// folded layer.
+    /// Before the activation, a layer's output is linear in PE(d). Its mean over directions is therefore the output of
+    /// the folded layer, which has the mean of PE(d) in its bias.
     #[test]
     fn the_folded_bias_is_the_mean_over_directions_in_f64() {
         let dataset = demo::small(3, 1, 12);

@@ -13,10 +13,10 @@ pub use average::{flattened, mean_encoding, without_direction};
 use nerf_core::plan::Quality;
 use serde::Serialize;
 
-/// Default of the smallest gain of PSNR at which an effect, such as view dependence, is kept, dB.
+/// Default threshold, dB: an effect, such as view dependence, is kept if it raises PSNR by at least this.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// Factor on the number of multiply-adds below which an effect saves work. An effect that saves work is kept unless it
-/// lowers PSNR by the threshold or more.
+/// Ratio of multiply-adds with an effect to those without it, below which the effect saves work. An effect that saves
+/// work is kept unless it lowers PSNR by the threshold or more.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,8 +32,8 @@ pub type Asked = anyhow::Result<Result<Without, &'static str>>;
 pub struct Effect {
     pub name: &'static str,
     pub instead: &'static str,
-    /// Returns the settings without the effect, given the settings with it; may add a variant of the blob. The views
-    /// are for view dependence, which is replaced by the mean of the encoded direction over their rays.
+    /// Returns the settings without the effect, given the settings with it. May add a variant of the scene. To leave
+    /// out view dependence, the encoded direction is replaced by its mean over the rays of the given views.
     pub without: fn(&mut Variants<'_>, Without, &[&View]) -> Asked,
 }
 
@@ -165,8 +165,8 @@ pub fn audit(
     Ok(found.into_iter().map(|(effect, place)| (effect, place.map(worth))).collect())
 }
 
-/// Renders each view with each of `ways`, `repeats` times. The first of `ways` is the reference for errors, in place of
-/// the exact rendering.
+/// Renders each view with each of the settings `ways`, `repeats` times. The rendering with the first of `ways` is the
+/// reference for errors, in place of the exact rendering.
 fn measure(
     lab: &Variants<'_>,
     ways: &[Without],
@@ -281,7 +281,7 @@ mod tests {
         assert_eq!(verdict(0.05, 1.0), Verdict::Keeps);
         assert_eq!(verdict(0.04, 1.0), Verdict::Drops);
         assert_eq!(verdict(-1.0, 1.0), Verdict::Drops);
-        // At a fortieth of the work the effect is kept, as it loses less than the threshold.
+        // An effect that reduces the work to a fortieth is kept if it lowers PSNR by less than the threshold.
         assert_eq!(verdict(-0.02, 0.025), Verdict::Keeps);
         assert_eq!(verdict(-0.2, 0.025), Verdict::Drops);
         assert_eq!(verdict(f64::NAN, 1.0), Verdict::Keeps);

@@ -1,4 +1,4 @@
-//! Benchmark: renders and times frames of a blob and of its variants.
+//! Benchmark: renders and times frames of a scene file and of its variants.
 
 pub mod size;
 pub mod source;
@@ -25,7 +25,7 @@ use std::time::Instant;
 
 const NOT_A_SCENE: &str = "blob: expected a scene, found a 2D field";
 
-/// Modified copy of the blob, for example with another occupancy grid.
+/// Modified copy of the scene file, for example with another occupancy grid.
 #[derive(Clone, Debug)]
 pub struct Variant {
     pub name: String,
@@ -33,7 +33,7 @@ pub struct Variant {
     pub has_occupancy: bool,
 }
 
-/// A blob, its variants, and the f32 weights that the blob's weights were rounded from, if available.
+/// Scene file (`blob`) to measure, and its variants.
 #[derive(Clone, Debug)]
 pub struct Variants<'b> {
     pub blob: Blob<'b>,
@@ -153,7 +153,7 @@ impl<'b> Variants<'b> {
         }
     }
 
-    /// The blob's weights as f32, in the blob's order.
+    /// The scene file's weights as f32, in the file's order.
     pub fn parameters(&self) -> Vec<f32> {
         let mut parameters = vec![0.0; self.blob.architecture().parameters()];
         unpack(self.blob.weights(), &mut parameters);

@@ -42,7 +42,8 @@ pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     }
 }
 
-/// For each of `large` pixels of a side: indices of its two neighbours among `small` pixels, and the second's weight.
+/// For each of the `large` pixels along a side: indices of the two nearest of the `small` pixels, and the second's
+/// weight.
 fn taps(small: usize, large: usize) -> Vec<(usize, usize, f32)> {
     let last = small.saturating_sub(1);
     let tap = |i: usize| {

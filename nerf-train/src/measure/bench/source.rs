@@ -1,4 +1,4 @@
-//! The f32 weights that a blob was rounded from, read from a checkpoint.
+//! The f32 weights of an imported scene file before rounding, read from its checkpoint.
 
 use crate::measure::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
 use half::f16;

@@ -11,10 +11,10 @@
 //! | `pts_linears.0.weight` | `[W, E]` | first trunk layer; `E`, width of PE(x), tells its levels |
 //! | `pts_linears.i.weight` | `[W, W]`, or `[W, E + W]` | trunk layer, or the one that takes `[PE(x), h]` |
 //! | `alpha_linear.weight` | `[1, W]` | density head |
-//! | `feature_linear.weight` | `[W, W]` | linear, so it is folded into what follows it |
+//! | `feature_linear.weight` | `[W, W]` | no activation: folded into the layer after it |
 //! | `views_linears.0.weight` | `[V, W + D]` | first colour layer; `D`, width of PE(d), tells its levels |
 //! | `rgb_linear.weight` | `[3, V]` | rgb |
-//! | `output_linear.weight` | `[4, W]` | without view directions: rgb, then sigma, in place of all the four above |
+//! | `output_linear.weight` | `[4, W]` | without view directions: rgb, then sigma; replaces the four above |
 //!
 //! A coarse network (`--coarse`) is read in the same way; its layers up to the densities become the scene's proposal
 //! network.
@@ -88,7 +88,7 @@ pub enum Occupancy {
     /// The grid that the network was trained with.
     Given {
         cells: LiveCells,
-        /// Whether the user says that the grid is not part of the model. If so, the blob can be rendered without the
+        /// Whether the user says that the grid is not part of the model. If so, the scene can be rendered without the
         /// grid, even if PSNR depends on the grid.
         optional: bool,
     },
@@ -98,7 +98,7 @@ pub enum Occupancy {
 
 #[derive(Clone, Debug)]
 pub struct Check {
-    /// Scores with the blob's rounded weights.
+    /// Scores with the scene file's rounded weights.
     pub scores: Scores,
     pub quantisation_loss_db: f64,
     /// PSNR with the occupancy grid minus PSNR without it, dB. `None` without an occupancy grid.
@@ -209,7 +209,7 @@ impl<'a> Import<'a> {
         occupancy::build(settings, &ask, threshold)
     }
 
-    /// Exports the blob; `data`: name of the data set on which the network was checked.
+    /// Exports the scene file; `data`: name of the data set on which the network was checked.
     fn export(&self, data: Option<&str>) -> anyhow::Result<Exported> {
         let finite = |db: f64| Some(db as f32).filter(|db| db.is_finite());
         let Request { tensors, settings, .. } = self.request;
@@ -296,7 +296,7 @@ impl<'a> Import<'a> {
         let scores =
             measure(&draft, None, kernel, &quality, settings.background, &views.views, |_, _, _, _| {})?;
         let gain_db = gain_db(with_db, scores.psnr_db().unwrap_or(f64::NAN));
-        // View dependence costs work and saves none.
+        // The ratio of multiply-adds is set to 1, as view dependence saves no work.
         let verdict = Verdict::of(gain_db, 1.0, self.request.effect_threshold_db);
         if verdict != Verdict::Drops {
             (self.architecture, self.parameters) = whole;

@@ -15,7 +15,8 @@ use std::iter::once;
 /// Encoding of the direction, if colour depends on it, and widths of the colour network's hidden layers.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
-/// Imported network, with layers and channels in this project's order. The feature layer is not folded yet.
+/// Imported network, with layers and channels in this project's order. The linear feature layer is still separate from
+/// the layer after it.
 #[derive(Clone, Debug)]
 pub struct Imported {
     pub model: Model,
@@ -26,7 +27,7 @@ pub struct Imported {
 }
 
 impl Imported {
-    /// Parameters of the exported network, f32; the feature layer is folded into the layer after it in f64.
+    /// Parameters of the exported network. The feature layer is folded into the layer after it, in f64.
     pub fn folded(&self) -> Vec<f32> {
         self.model.fold((&self.parameters).into()).into_owned()
     }
@@ -67,7 +68,7 @@ impl<'t> Reader<'t> {
         let has = |layer| self.tensors.tensors.contains_key(layer);
         let directed = !has("output_linear.weight");
         let (direction, colour) = if directed { self.colour_branch(width)? } else { self.output(width)? };
-        // nerf-pytorch creates this layer even without view directions.
+        // nerf-pytorch creates this layer even for a network without view directions, which does not use it.
         let idle = |name: &&&str| !directed && name.starts_with("views_linears.0.");
         let unused: Vec<&str> = self.left.iter().filter(idle).copied().collect();
         unused.iter().for_each(|name| {
@@ -154,7 +155,8 @@ impl<'t> Reader<'t> {
         Ok((direction, colour))
     }
 
-    /// Reads the output layer of a network without view directions: rows r, g, b, sigma, and a fifth that is ignored.
+    /// Reads the output layer of a network without view directions: rows r, g, b, sigma, and an optional fifth row,
+    /// which is ignored.
     fn output(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
@@ -183,8 +185,8 @@ impl<'t> Reader<'t> {
         self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
     }
 
-    /// Reads the layer named `layer`. `fits`: whether numbers of rows and columns are right; `expected`: shape for the
-    /// error.
+    /// Reads the layer named `layer`. `fits(rows, columns)`: whether the weight's shape is right; `expected`: the right
+    /// shape, for the error.
     fn linear(
         &mut self,
         layer: &str,

@@ -82,7 +82,7 @@ pub struct Settings {
         allow_hyphen_values = true
     )]
     pub scene_box: [f32; 6],
-    /// Samples per ray [default: 192; with --coarse 128, drawn by the coarse network's weights].
+    /// Samples per ray [default: 192; with --coarse: 128 importance samples].
     #[arg(long, value_name = "N")]
     pub samples: Option<u16>,
     /// Samples per ray of the coarse network.
@@ -118,7 +118,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Checks every setting. The blob format's own rules are checked when the blob is written.
+    /// Checks every setting. The rules of the scene file's format are checked when the file is written.
     pub fn check(&self) -> Result<(), ConfigError> {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
         let sound = near >= 0.0 && near < far && far.is_finite();

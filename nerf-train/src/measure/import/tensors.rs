@@ -11,11 +11,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Beginnings of the layers' names within tensor names. The text before a layer's name is the network's prefix.
+/// Beginnings of layer names. In a tensor's name, the text before the layer's name is the network's prefix.
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
-/// Largest number of tensors of a network; more are an error. A few more than in the largest network, so that a later
-/// error can name a surplus tensor.
+/// Largest number of tensors of a network; more are an error. The limit allows a few more than the largest network has,
+/// so that a later error can name a surplus tensor.
 const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 /// Largest size of an unpacked array, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;
@@ -23,7 +23,7 @@ const MAX_ARRAY_BYTES: u64 = 1 << 26;
 const MAX_FILE_BYTES: u64 = 1 << 30;
 const LISTED: usize = 5;
 
-/// A tensor in C order; its values are finite.
+/// A tensor in row-major order; its values are finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
     /// Dimensions, outermost first.

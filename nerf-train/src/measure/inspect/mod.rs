@@ -1,4 +1,4 @@
-//! Contents of a blob, for the command `inspect`.
+//! Contents of a scene file, for the command `inspect`.
 
 use crate::data::pictures::colour;
 use crate::system::summary::Short;
@@ -8,7 +8,7 @@ use nerf_core::network::Layer;
 use serde::Serialize;
 use std::path::Path;
 
-/// Contents of a blob; parts that the blob does not have are left out.
+/// Contents of a scene file; parts that the file does not have are left out.
 #[derive(Debug, Serialize)]
 pub struct Inspection<'b> {
     pub file: String,

@@ -149,7 +149,8 @@ fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Opti
     sum / windows as f64
 }
 
-/// Normalised Gaussian weights of an SSIM window: 11, or fewer if the side of `length` ≥ 1 pixels is shorter.
+/// Normalised Gaussian weights of an SSIM window along a side of `length` ≥ 1 pixels: 11, or fewer if the side is
+/// shorter.
 fn gaussian(length: usize) -> Vec<f64> {
     let taps = WINDOW.min(if length % 2 == 1 { length } else { length - 1 });
     let middle = (taps / 2) as f64;

@@ -65,7 +65,7 @@ fn check_network(n: &NetworkConfig) -> Result<(), ConfigError> {
 
 fn check_beside_grid(n: &NetworkConfig, grid: &TableConfig, g: &OccupancyConfig) -> Result<(), ConfigError> {
     check_table(grid)?;
-    // A cube has the most table values of all boxes.
+    // A cube has more table values than any other box with the same longest side.
     check_table_values(&grid.encoding(Vec3::ONE), "a cube")?;
     let levels = n.position_levels;
     rule("network.position_levels", levels == 0, "0 beside a grid, which takes their place", levels)?;

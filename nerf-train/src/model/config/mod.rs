@@ -34,7 +34,7 @@ pub struct Config {
     pub sampling: SamplingConfig,
     /// Occupancy grid, by which training and rendering skip empty space.
     pub occupancy: OccupancyConfig,
-    /// Use of a capture's sparse points, exposures, poses and moving objects; with a learned grid only.
+    /// How training uses a capture's sparse points, exposures, poses and moving objects. Only with a learned grid.
     pub capture: CaptureConfig,
     pub optimiser: OptimiserConfig,
     /// Seed of all random numbers.
@@ -48,7 +48,7 @@ pub struct NetworkConfig {
     pub depth: usize,
     /// Number of channels of every trunk layer.
     pub width: usize,
-    /// Number of trunk layers before the skip connection from the encoded position; 0 for none.
+    /// Number of trunk layers before the skip connection from the encoded position; 0 for no skip connection.
     pub skip_after: usize,
     /// Grid that encodes positions; if absent, the encoding is sinusoidal.
     pub grid: Option<TableConfig>,
@@ -90,13 +90,13 @@ pub struct SamplingConfig {
     /// `steps_across` applies instead.
     pub samples: u16,
     /// Number of ray march steps across the longest side of the scene box. In an unbounded scene: across the ball
-    /// inside which space is not contracted. With a learned grid only.
+    /// inside which space is not contracted. Used with a learned grid only.
     pub steps_across: u16,
-    /// Position of a sample in its bin: in the middle, random, or random within a width (world units) of the bin's
-    /// start.
+    /// Position of each sample in its bin: in the middle, anywhere at random, or at random within a given distance
+    /// (world units) of the start of the bin.
     pub jitter: Jitter,
-    /// Number of rays of every step or, if `live_samples` is not 0, of the first step. `rays` times `samples` is at
-    /// most 2^27.
+    /// Number of rays per step. If `live_samples` is not 0, this is the number of the first step only. `rays` times
+    /// `samples` is at most 2^27.
     pub rays: usize,
     /// Target number of samples per step; the number of rays is adapted to it. Only samples in occupied cells count.
     /// With a learned grid, their compositing weights must also be large enough. 0: every step has `rays` rays.
@@ -109,24 +109,26 @@ pub struct SamplingConfig {
     pub near: Option<f32>,
     /// Distance along a ray at which its samples end, world units; derived from the data if absent.
     pub far: Option<f32>,
-    /// Scene box as x0 y0 z0 x1 y1 z1, world units; derived from the data if absent. Must be absent with a contraction.
+    /// Scene box as x0 y0 z0 x1 y1 z1, world units; derived from the data if absent. Not allowed if `contraction` is
+    /// set.
     pub scene_box: Option<[f32; 6]>,
-    /// Power of an unbounded scene's contraction: 1, 2 or 4. Sets how fast march steps grow outside a ball around what
-    /// the cameras look at; with 1, steps are uniform in disparity. Absent for a scene in a box. With a learned grid
-    /// only.
+    /// Power of an unbounded scene's contraction: 1, 2 or 4; absent for a scene in a box. Outside an uncontracted ball
+    /// around the cameras' subject, ray march steps grow with distance. The power sets how fast: with 1, steps are
+    /// uniform in disparity. Requires a learned grid.
     pub contraction: Option<u8>,
     /// Weight of the distortion loss, which concentrates the compositing weights along a ray; 0 for none. Unbounded
-    /// scenes only. Distances in this loss are measured in sides of the contracted cube.
+    /// scenes only. The unit of distance in this loss is the side of the contracted cube.
     pub distortion: f32,
 }
 
-/// Use of a capture's sparse points, exposures, poses and moving objects.
+/// How training uses a capture's sparse points, exposures, poses and moving objects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CaptureConfig {
-    /// Weight of the depth loss; 0 for none. An eighth of the rays are cast at sparse points, and have this loss.
+    /// Weight of the depth loss; 0 for none. This loss applies to an eighth of the rays, which are cast at sparse
+    /// points.
     pub depth: f32,
-    /// Whether cells between a camera and the sparse points that it sees are empty in the initial occupancy grid.
+    /// Whether the initial occupancy grid marks the cells between each camera and its visible sparse points as empty.
     pub free_space: bool,
     /// Whether each photograph has a learned gain for its exposure.
     pub exposure: Exposure,
@@ -134,7 +136,8 @@ pub struct CaptureConfig {
     pub poses: PoseRefinement,
     /// Whether pixels that show moving objects are left out of the loss; in an unbounded scene only.
     pub moving: MovingObjects,
-    /// Whether some photographs are withheld from the first steps. Their error then decides the weight decay.
+    /// Whether some photographs are withheld from the first steps. The gap between their PSNR and that of the other
+    /// photographs then sets the weight decay.
     pub withhold: Withholding,
 }
 
@@ -168,8 +171,8 @@ pub enum Exposure {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
-    /// Poses that sparse points show to be accurate stay as given. Other poses are refined on trial in the first steps,
-    /// and afterwards only if the cameras moved enough.
+    /// Poses stay as given if the reprojection error of the sparse points is small. Otherwise, poses are refined on
+    /// trial in the first steps, and afterwards only if the cameras moved enough.
     Auto,
     /// Poses are refined throughout training.
     Refine,
@@ -227,14 +230,15 @@ pub enum Jitter {
 pub struct OccupancyConfig {
     /// Whether training skips samples in empty cells.
     pub skip: bool,
-    /// Number of cells along the longest side of the scene box. 0: chosen by the size of the grid's tables.
+    /// Number of cells along the longest side of the scene box. 0: chosen from the size of the learned grid's tables.
     pub resolution: u16,
-    /// Whether the occupancy grid begins as a visual hull, if the images show which of their pixels are background.
+    /// Whether the occupancy grid begins as a visual hull. Effective only if the images show which pixels are
+    /// background.
     pub hull: bool,
     /// Number of steps between updates of the occupancy grid from the network's densities.
     pub every: u32,
-    /// Largest number of cells that one update evaluates. With a learned grid, the limit is at least 1/24 of the cells
-    /// that may be occupied.
+    /// Largest number of cells that one update evaluates. With a learned grid, at least 1/24 of the cells that the
+    /// initial occupancy grid leaves occupied are evaluated, even if this exceeds the limit.
     pub cells: usize,
     /// First step at which an update may turn occupied cells into empty ones.
     pub from: u32,
@@ -244,10 +248,10 @@ pub struct OccupancyConfig {
     /// Factor by which an update multiplies a cell's stored density. The larger of the product and the new density is
     /// stored.
     pub decay: f32,
-    /// Number of points in empty cells for each sample in an occupied cell. The loss pushes the density at these points
-    /// to 0.
+    /// Number of training points in empty cells, as a multiple of the number of samples in occupied cells. The loss
+    /// pushes the density at these points to 0.
     pub empty_share: f32,
-    /// Weight in the loss of the density at the points in empty cells.
+    /// Weight of the loss term that pushes the density at points in empty cells to 0.
     pub empty_weight: f32,
 }
 
@@ -264,13 +268,14 @@ impl Config {
     }
 
     /// Returns the number of occupancy cells along the longest side of a box of this extent. If the setting is 0,
-    /// returns the largest of the candidates whose bits take at most a third of the bytes of the learned grid's tables.
+    /// returns the largest candidate resolution whose bits take at most a third of the bytes of the learned grid's
+    /// tables.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;
         }
         let Some(table) = &self.network.grid else { return OCCUPANCY_RESOLUTIONS[0] };
-        // Number of bits in a third of the tables, at two bytes per value whatever the storage at export.
+        // Number of bits in a third of the tables. A value counts as two bytes, whatever its storage at export.
         let most = 16 * table.encoding(extent).values() / 3;
         let sides = |resolution: u16| (extent / extent.max_element() * f32::from(resolution)).round();
         let fits = |&resolution: &u16| sides(resolution).element_product() <= most as f32;
@@ -331,8 +336,8 @@ impl Config {
         }
         let preset = self.preset.config();
         if let Some(grid) = &mut self.network.grid {
-            // Without a hull the box follows from the cameras' distances, and the object is only a part of the box: the
-            // preset's grid is made finer.
+            // Without a hull, the box is derived from the cameras' distances, and is larger than the object. A grid
+            // finer than the preset's makes up for this.
             if preset.network.grid.as_ref() == Some(&*grid) {
                 (grid.coarsest, grid.finest) = (32, 416);
             }
@@ -363,11 +368,11 @@ impl Config {
         self.sampling.steps_across = 160;
         self.sampling.random_background = true;
         self.sampling.live_samples = 4096;
-        // Hashed levels are updated at every step: otherwise a short fit keeps its fog. In a test of 1,500 steps, PSNR
-        // was 17.7 dB instead of 19.8 dB.
+        // Hashed levels are updated at every step, since otherwise fog remains after a short fit. In a test of 1,500
+        // steps with less frequent updates, PSNR was 17.7 dB instead of 19.8 dB.
         self.optimiser.hashed_every = 1;
-        // The initial optical depth of a step is below the occupancy threshold: cells that no view makes denser become
-        // empty.
+        // The initial optical depth of a ray march step is below the occupancy threshold. Cells that no view makes
+        // denser therefore become empty.
         self.network.density_bias = 1.9;
         self.occupancy.resolution = 128;
         self.occupancy.threshold = 0.1;

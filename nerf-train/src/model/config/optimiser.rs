@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimiserConfig {
-    /// Number of steps; without effect if only a limit in seconds is given.
+    /// Number of training steps; ignored if only a time limit is given.
     pub steps: u32,
     /// Learning rate at the start.
     pub rate: f64,
     /// Learning rate at the end, as a fraction of `rate`; 1 for a constant learning rate.
     pub final_share: f64,
-    /// Number of steps at the start of the run, in which the learning rate rises from 0.
+    /// Number of steps over which the learning rate rises linearly from 0 at the start of the run.
     pub warm_up: u32,
     /// Adam's beta2: decay of the second moment per step.
     pub beta2: f64,

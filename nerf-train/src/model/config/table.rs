@@ -22,8 +22,8 @@ pub struct TableConfig {
     pub finest: u16,
     /// Storage of the tables' values in the exported file; training keeps them in f32.
     pub storage: TableStorage,
-    /// Largest number of bytes of coded tables: the quantisation steps are the finest with which the tables fit. If
-    /// absent, the steps are a fixed fraction of the values' root mean square.
+    /// Largest size of coded tables, bytes. The quantisation steps are the finest with which the tables fit. If absent,
+    /// the steps are a fixed fraction of the values' root mean square.
     #[serde(default)]
     pub most_bytes: Option<u64>,
 }
@@ -65,7 +65,7 @@ impl TableConfig {
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    /// Returns whether training, after the fraction `share` of the run, rounds the tables as export does.
+    /// Returns whether training rounds the tables as export does. `share`: fraction of the run that is done.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }

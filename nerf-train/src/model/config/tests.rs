@@ -17,7 +17,7 @@ fn occupancy_takes_at_most_a_third_of_the_tables() {
             let resolution = config.occupancy_resolution(extent);
             let budget = tables(&config, extent) / 3.0;
             assert!(bits(resolution, extent) <= budget, "2^{log2_entries}, {extent}: {resolution}");
-            // The next finer candidate does not fit.
+            // The next finer candidate resolution takes more than a third of the bytes of the tables.
             if let Some(i) = OCCUPANCY_RESOLUTIONS.iter().position(|&r| r == resolution).filter(|&i| i > 0) {
                 assert!(bits(OCCUPANCY_RESOLUTIONS[i - 1], extent) > budget, "2^{log2_entries}, {extent}");
             }

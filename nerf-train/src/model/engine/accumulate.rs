@@ -29,6 +29,7 @@ impl LayerSum {
     }
 
     /// Adds a chunk's gradient with respect to weights and biases: `dy` times the transposed inputs `[main, extra, 1]`.
+    /// `dy`: gradient with respect to the layer's outputs.
     pub(super) fn add(
         &mut self,
         isa: Isa,

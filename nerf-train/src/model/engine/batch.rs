@@ -4,9 +4,10 @@ use glam::Vec3;
 use nerf_core::space::Contraction;
 use std::ops::Range;
 
-/// Number of samples with which a chunk is full and gets no further ray: its activations then fit the caches.
+/// Number of samples at which a chunk is full: it gets no further ray. The activations of this many samples fit the
+/// caches.
 pub(super) const SAMPLES: usize = 512;
-/// Number of rays with which a chunk is full, even if it has few samples: rays without samples cost time, too.
+/// Number of rays at which a chunk is full, even if it has few samples: rays without samples cost time, too.
 const RAYS: usize = 2048;
 
 /// Entry of a ray in a batch: direction, target colour, background and number of samples.
@@ -22,8 +23,9 @@ pub struct BatchRay {
 
 /// Known surface of a ray, for depth supervision.
 ///
-/// Adds `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)` to the ray's loss. `w_i`: compositing weight of
-/// sample `i`; `along_i`: its entry of [`Batch::along`]; `T_end`: transmittance after the last sample.
+/// The depth loss of the ray is `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)`. `w_i`: compositing
+/// weight of sample `i`; `along_i`: entry of sample `i` in [`Batch::along`]; `T_end`: transmittance after the last
+/// sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Position of the surface along the ray: 0 at the ray's beginning, 1 at its end.
@@ -33,7 +35,7 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Distance between sample and surface, in units of [`Surface::at`], beyond which the sample's cost no longer
+    /// Largest distance between sample and surface, in units of [`Surface::at`], up to which the cost of the sample
     /// grows. This bounds the effect of a wrong surface on its ray.
     pub const CLIP: f32 = 0.25;
 }
@@ -43,8 +45,8 @@ impl Surface {
 pub struct RayQuestion {
     /// Contraction of the world into the space of [`Batch::positions`].
     pub contraction: Contraction,
-    /// Standard deviation of the Gaussian that smooths the field's gradient with respect to position, in units of the
-    /// contracted space. Gradients of finer levels of the grid are reduced more than those of coarser ones.
+    /// Standard deviation, in contracted space, of the Gaussian that smooths the field's gradient with respect to
+    /// position. Gradients of finer levels of the grid are reduced more than those of coarser ones.
     pub blur: f32,
 }
 
@@ -60,7 +62,7 @@ pub struct RayGradient {
 
 /// Rays with their samples in occupied cells; samples are listed ray after ray, front to back along each ray.
 ///
-/// In a 2D field, each ray has one opaque sample. The sample's first two coordinates are the point of the image.
+/// In a 2D field, each ray has one opaque sample. The sample's first two coordinates are its position in the image.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
     pub rays: Vec<BatchRay>,
@@ -68,18 +70,20 @@ pub struct Batch {
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// Factor on each sample's share of the gradient of the loss; empty if all factors are 1. With a grid only.
+    /// Factor by which the gradient that each sample receives is multiplied; empty if all factors are 1. With a grid
+    /// only.
     pub gradient_scales: Vec<f32>,
     /// Points in empty cells, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
-    /// Weight in the loss of the densities at the `empty` points.
+    /// Weight of the loss term that pushes the density at the `empty` points to 0.
     pub empty_weight: f32,
-    /// Seed and step for the random numbers of Russian roulette, which keeps some samples of small weight. Fog consists
-    /// of such samples, and is trained by those kept. `None`: no sample of small weight is kept. With a grid only.
+    /// Seed and step for the random numbers of Russian roulette, which trains a random choice of the samples of small
+    /// weight. Fog consists of such samples. `None`: no sample of small weight is trained. With a grid only.
     pub roulette: Option<(u64, u64)>,
-    /// Known surface of each of the first rays of the batch; later rays have none. May be empty. With a grid only.
+    /// Known surfaces of the first rays of the batch, one per ray; later rays have none. May be empty. With a grid
+    /// only.
     pub surfaces: Vec<Surface>,
-    /// Position along its ray of each sample on a ray with a known surface: 0 to 1, as [`Surface::at`].
+    /// Positions along their rays of all samples on rays with a known surface: 0 to 1, as [`Surface::at`].
     pub along: Vec<f32>,
     /// Index of each ray's photograph. This field and all fields after it are used with a grid only.
     pub views: Vec<u32>,
@@ -201,7 +205,7 @@ pub(super) enum Chunk {
 }
 
 /// Fills `chunks` with parts of the batch, in order. Chunks have about equal sizes, and their number is even if
-/// possible, so that two threads finish together. Without its last ray, a chunk has fewer than `most` samples.
+/// possible, so that two threads finish together. A chunk with `most` samples or more gets no further ray.
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

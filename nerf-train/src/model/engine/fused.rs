@@ -55,7 +55,8 @@ impl FusedEngine {
         &self.graph.model
     }
 
-    /// Returns the loss of a checked batch; writes its gradient with respect to the parameters to the optimiser.
+    /// Returns the loss of a batch that [`Batch::check`] accepted. Writes the gradient with respect to the parameters
+    /// to the optimiser.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         let Self { graph, isa, optimiser, parameters, chunks, passes } = self;
         cut(batch, SAMPLES, chunks);

@@ -14,7 +14,8 @@ pub(super) const POSITION: usize = 0;
 pub(super) const DIRECTION: usize = 1;
 pub(super) const FIRST: usize = 2;
 
-/// Lanes and matrix rows are padded to a multiple of this many values: whole vectors of every instruction set.
+/// Padding unit of lanes and matrix rows: their lengths are padded to a multiple of this many values. In every
+/// instruction set, this is a whole number of vectors.
 pub(super) const VECTOR: usize = 16;
 
 pub(super) fn padded(length: usize) -> usize {
@@ -70,7 +71,7 @@ pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))
 }
 
-/// Returns one block, `[channels][BLOCK]`, of a slot with `channels` channels.
+/// Returns one block, `[channels][BLOCK]`, of an activation buffer with `channels` channels.
 pub(super) fn block_of(slot: &[f32], channels: usize, block: usize) -> &[f32] {
     &slot[block * channels * BLOCK..][..channels * BLOCK]
 }
@@ -80,7 +81,7 @@ pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &
 }
 
 impl Node {
-    /// Computes the layer's outputs `out` from its input slots.
+    /// Computes the layer's outputs `out` for all samples. `slots`: activation buffers, among them the layer's inputs.
     pub(super) fn forward(
         &self,
         isa: Isa,
@@ -106,8 +107,9 @@ impl Node {
         }
     }
 
-    /// Computes the gradient of the loss with respect to the layer's main inputs, `dx = W_mainᵀ dy`,
-    /// `[blocks][main][BLOCK]`; adds it to the old `dx` if `accumulate`.
+    /// Computes the gradient of the loss with respect to the layer's main inputs: `dx = W_mainᵀ dy`,
+    /// `[blocks][main][BLOCK]`. If `accumulate`, adds it to the old `dx`. `dy`: gradient with respect to the layer's
+    /// outputs.
     pub(super) fn backward(
         &self,
         isa: Isa,

@@ -104,8 +104,8 @@ use std::borrow::Cow;
 /// not to overflow.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
-/// Absolute value of a gradient from which training counts as diverged: its square, in Adam's second moment, could
-/// overflow.
+/// Limit of the absolute value of a gradient. Training counts as diverged if a gradient reaches it, as its square, in
+/// Adam's second moment, could overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
 /// Engine that computes the gradients of a run.
@@ -123,7 +123,7 @@ pub enum EngineKind {
 ///
 /// # Errors
 /// [`EngineError::Model`] for an invalid model, [`EngineError::NotPlain`] for a model with a grid that the engines for
-/// grids cannot train, [`EngineError::NoDensity`] for the grid of a 2D field by [`EngineKind::Dfdx`].
+/// grids cannot train, [`EngineError::NoDensity`] if [`EngineKind::Dfdx`] is to train a 2D field with a grid.
 pub fn engine_for(
     kind: EngineKind,
     model: &Model,

@@ -25,7 +25,7 @@ pub enum Part {
     Density,
     /// Linear layer before the colour branch; export merges it with the layer after it.
     Feature,
-    /// Hidden layer of the colour branch with this index.
+    /// Hidden layer of the colour branch; the number is its index in the branch.
     Colour(u8),
     /// Output layer: three colour channels, sigmoid.
     Rgb,
@@ -36,7 +36,7 @@ pub enum Part {
 pub struct Dense {
     pub part: Part,
     pub main: usize,
-    /// Number of encoded inputs, which follow the main inputs.
+    /// Number of extra inputs: an encoded position or direction, which follows the main inputs.
     pub extra: usize,
     pub outputs: usize,
     /// Index of `W[0][0]` in the model's parameters.

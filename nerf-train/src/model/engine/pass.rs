@@ -42,7 +42,7 @@ pub(super) struct Pass {
     d_sigma: Vec<f32>,
     transposed: Vec<f32>,
     volume: Scratch,
-    /// Index in the batch of the ray to which each sample of the chunk belongs.
+    /// For each sample of the chunk: index in the batch of its ray.
     ray_of: Vec<u32>,
 }
 
@@ -190,8 +190,8 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of density and trunk from dL/d sigma. If `colour`, the density's part is added to
-    /// `upper`, which holds dL/d (trunk's outputs) through the colour.
+    /// Does the backward pass of density and trunk from dL/d sigma. If `colour`, `upper` already holds dL/d (trunk's
+    /// outputs) through the colour, and the density's part is added to it.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {

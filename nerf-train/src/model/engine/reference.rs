@@ -193,7 +193,7 @@ impl ReferenceEngine {
         Ok(Some(with_tape(sum.try_mul(1.0 / batch.empty.len() as f32)?, h.split_tape().1)))
     }
 
-    /// Returns the loss of a checked batch and its gradient with respect to each parameter.
+    /// Returns the loss of a batch that [`Batch::check`] accepted, and its gradient with respect to each parameter.
     fn differentiate(&self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let weights = self.weights()?;
         let (mut chunks, mut gradients) = (Vec::new(), vec![0.0; self.optimiser.values().len()]);

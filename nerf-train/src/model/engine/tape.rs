@@ -11,8 +11,8 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Number of samples with which a tape is full and gets no further ray. With all activations and gradients, a tape
-/// takes some 300 MiB for the 8×256 network. A batch's gradient is the sum over its tapes.
+/// Number of samples at which a tape is full: it gets no further ray. With all activations and gradients, a tape takes
+/// some 300 MiB for the 8×256 network. A batch's gradient is the sum over its tapes.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
 /// Parameters of one layer; main and extra inputs have separate matrices, as dfdx has no concatenation.
@@ -110,7 +110,7 @@ impl Rows {
         Ok(self.device.try_tensor_from_vec(values, self.shape)?)
     }
 
-    /// Arranges values of samples by ray, `[rays][longest]`; arbitrary after a ray's last sample.
+    /// Arranges values of samples by ray, `[rays][longest]`. Elements after a ray's last sample are arbitrary.
     pub(super) fn of<T: Tape<f32, Cpu>>(&self, values: Vector<T>) -> Result<Matrix<T>, EngineError> {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }

@@ -25,8 +25,8 @@ fn colour_index(sample: usize) -> usize {
 
 /// Returns the sum over rays and channels of (C − rgb)², rendered minus target; writes the gradients of `scale` · sum.
 ///
-/// With `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta: `dL/dc_ik = g_k w_i`,
-/// `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`.
+/// For sample `i` and channel `k`, with `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta: `dL/dc_ik = g_k w_i`,
+/// `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`, where `bg` is the background.
 ///
 /// The optical depth is summed in f64 before the exponential, so that no product underflows. `d_sigma`, `[samples]`,
 /// and `d_colour`, `[blocks][3][BLOCK]`, are overwritten at the rays' samples.

@@ -126,7 +126,7 @@ fn delay(index: usize, fps: f64) -> u16 {
 mod tests {
     use super::*;
 
-    /// A shaded, coloured ball that wanders over a white page.
+    /// Picture of a shaded, coloured ball on white, moved to the right by `shift` pixels.
     fn frame(shift: usize) -> Picture {
         let pixel = |i: usize| {
             let x = (i % 200) as f32 / 100.0 - 0.7 - shift as f32 / 100.0;
@@ -137,7 +137,7 @@ mod tests {
         Picture::new(200, 200, (0..40_000).map(pixel).collect()).unwrap()
     }
 
-    /// A GIF of frames that have the size of the first.
+    /// Writes `frames`, all of the first frame's size, as a GIF. Returns its path.
     fn write_gif(
         path: impl AsRef<Path>,
         mut frames: impl Iterator<Item = Picture>,

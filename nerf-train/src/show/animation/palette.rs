@@ -79,7 +79,7 @@ impl Set {
     }
 }
 
-/// Splits `colours`, at least one, into at most 256 sets, none of them empty.
+/// Splits `colours`, which is not empty, into at most 256 non-empty sets.
 fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     let mut sets = vec![Set::new(colours.to_vec())];
     while sets.len() < MAX_COLOURS {
@@ -98,8 +98,8 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     sets.into_iter().map(|set| set.colours).collect()
 }
 
-/// Palette entry of a set: a colour that more than half of the set's pixels have, so that flat backgrounds stay exact;
-/// else the mean.
+/// Palette entry of a set. If more than half of its pixels have the same colour, this is the entry, so that flat
+/// backgrounds stay exact. Otherwise the entry is the mean.
 fn representative(set: &[Counted]) -> [u8; 3] {
     let total: u64 = set.iter().map(|c| u64::from(c.1)).sum();
     if let Some(main) = set.iter().find(|c| 2 * u64::from(c.1) > total) {

@@ -116,8 +116,9 @@ impl Drawer<'_> {
         Ok((shown.collect(), facts))
     }
 
-    /// Rays of the step, with their samples in occupied cells of `cells`; `None`: with all samples in the scene box.
-    /// `most`: number of samples at which the batch ends, 0: no limit; ignored for marched rays.
+    /// Batch of the step: `rays` rays, with their samples in occupied cells of `cells`. If `cells` is `None`, the batch
+    /// has all samples in the scene box. `most`: number of samples at which the batch ends; 0: no limit. Marched rays
+    /// ignore `most`.
     fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
         let (mut batch, step) = (Batch::default(), u64::from(self.step));
         if !self.is_marched() {

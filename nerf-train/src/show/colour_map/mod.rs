@@ -68,7 +68,7 @@ pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     let mut kept: Vec<f32> = values.iter().zip(opacity).filter(solid).map(|(&value, _)| value).collect();
     kept.sort_unstable_by(f32::total_cmp);
     let last = kept.len().checked_sub(1)?;
-    // Percentiles are rounded outwards, so that the range covers all of a handful of values.
+    // Percentiles are rounded outwards: if there are few values, the range covers them all.
     let low = kept[(last as f64 * 0.01).floor() as usize];
     let high = kept[(last as f64 * 0.99).ceil() as usize];
     Some(widened(low, high))
@@ -85,7 +85,8 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// Range of the colours of a picture of distances: `range` if its ends are finite, else [`robust_range`], else 0 to 1.
+/// Range of the colours of a picture of distances: `range` if its ends are finite, else [`robust_range`], or 0 to 1 if
+/// that is `None`.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),

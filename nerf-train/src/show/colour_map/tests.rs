@@ -2,7 +2,7 @@ use super::*;
 
 #[test]
 fn the_maps_meet_their_tables_at_the_ends_and_in_the_middle() {
-    // matplotlib's own first, middle and last entries.
+    // First, middle and last entries of matplotlib's tables.
     let cases = [
         (ColourMap::Viridis, 0.0, [0.267, 0.005, 0.329]),
         (ColourMap::Viridis, 0.5, [0.128, 0.567, 0.551]),

@@ -6,8 +6,8 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::space::SceneBox;
 
-/// Cubes over a box, with one more layer of cubes around it. In this layer, a surface that reaches a side of the box is
-/// closed.
+/// Lattice of cubes over a box, with one more layer of cubes around the box. This layer closes a surface that reaches a
+/// side of the box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
     /// Position of the lattice's lower corner, world units.

@@ -42,8 +42,8 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Adds slice `z`, whose corners have the levels `above`. Makes the vertices in the cubes between the previous
-    /// slice and this one, and the faces of crossed edges whose four cubes are complete.
+    /// Adds slice `z`; `above`: levels at its corners. Makes the vertices in the cubes between the previous slice and
+    /// this one. Then makes the faces of each crossed edge whose four cubes now have vertices.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);
@@ -96,7 +96,8 @@ impl<'l> Net<'l> {
                 faces[2] = Some([cube(1, 1, 1), cube(1, 0, 1), cube(1, 0, 0), cube(1, 1, 0)]);
             }
             for [a, b, c, d] in faces.into_iter().flatten() {
-                // The face is counter-clockwise seen from the edge's far end, so outward if the near end is inside.
+                // Seen from the edge's far end, the face is counter-clockwise. It faces outward if the near end is
+                // inside.
                 let turned = if here { [a, b, c, d] } else { [d, c, b, a] };
                 let [a, b, c, d] = turned;
                 self.triangles.extend([[a, b, c], [a, c, d]]);

@@ -8,11 +8,11 @@ use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Largest ratio that levels distinguish, of a density or optical depth to its value at the surface. The level is 1 at
-/// this ratio, 0.5 at the surface, and 0 at the inverse ratio.
+/// Ratio at which the level of a point is 1: its density or optical depth, divided by the value at the surface. The
+/// level is 0.5 at the surface, and 0 at the inverse ratio.
 const RANGE: f32 = 1000.0;
-/// Limit of a sum of optical depths (opacity 15/16) before it is passed on to the next corner. With decay, the sum thus
-/// soon becomes small again behind opaque matter.
+/// Largest optical depth (opacity 15/16) that a corner passes on to the next. With this limit, a decaying sum is small
+/// again soon after opaque matter.
 const DARK: f32 = 4.0 * LN_2;
 /// The nine directions from a corner to the next slice, as steps in x and y: straight, and to the eight neighbours.
 const ACROSS: [[isize; 2]; 9] =
@@ -24,8 +24,8 @@ pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
 
-/// The three smallest sums of optical depth of a corner, ascending. Each is stored as the upper 16 bits of its `f32`,
-/// which keep the order.
+/// The three smallest sums of optical depth at a corner, ascending. Each is stored as the upper 16 bits of its `f32`;
+/// these bits sort as the values do.
 type Least = [u16; 3];
 
 pub(super) struct OpticalDepth {
@@ -33,8 +33,9 @@ pub(super) struct OpticalDepth {
 }
 
 impl OpticalDepth {
-    /// Sums the optical depths of cells ([`Lattice::cell_depths`]). Over `decay` cells, a sum falls by a factor of
-    /// about e. With a finite `decay`, surfaces are visible from free space inside of the box, too.
+    /// Sums the optical depths of cells ([`Lattice::cell_depths`]). `decay`: number of cells over which a sum falls by
+    /// a factor of about e; infinite: no decay. With decay, surfaces are visible from free space inside of the box,
+    /// too.
     pub(super) fn new(lattice: &Lattice, cells: &[Vec<f16>], decay: f32) -> Self {
         let slices = cells.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
         let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
@@ -75,7 +76,8 @@ impl OpticalDepth {
         });
     }
 
-    /// Sums optical depths along the nine directions from slice to slice; `order`: slices, upward or downward.
+    /// Sums optical depths along the nine directions from slice to slice; `order`: indices of the slices, ascending or
+    /// descending.
     fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {

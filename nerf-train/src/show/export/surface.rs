@@ -11,14 +11,14 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::camera::Ray;
 
-/// Distance outside of a vertex at which its inward ray begins, cells.
+/// Distance from the start of a vertex's inward ray to the vertex, cells.
 const BEFORE: f32 = 2.0;
 /// Number of samples per cell along a vertex's inward ray.
 const SAMPLES: f32 = 4.0;
-/// Distance behind a vertex at which its inward ray ends, cells. A vertex whose ray meets no surface is left out.
+/// Distance from a vertex to the end of its inward ray, cells. A vertex whose ray meets no surface is left out.
 const BEHIND: f32 = 8.0;
-/// Largest distance from a vertex to the surface along its ray, cells, at which the vertex stays in place. A vertex
-/// that is further away moves along the ray by the excess, rounded up to a quarter of a cell.
+/// Threshold distance, cells: a vertex stays in place if its ray meets the surface within this distance. Otherwise the
+/// vertex moves along the ray by the excess, rounded up to a quarter of a cell.
 const NEAR: f32 = 1.75;
 /// Length over which sums of optical depth fall by a factor of e, cells. For a scene that is seen from inside.
 const DECAY: f32 = 8.0;
@@ -121,8 +121,8 @@ fn net<'l>(
     Ok(net)
 }
 
-/// Averages each vertex's normal with the normals of its neighbours. A neighbour across an edge of two triangles counts
-/// twice.
+/// Averages each vertex's normal with the normals of its neighbours. A neighbour counts once for each triangle that the
+/// two vertices share.
 fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     for _ in 0..NORMAL_PASSES {
         let mut sums = normals.to_vec();
@@ -143,8 +143,8 @@ struct Place {
     surface: Vec3,
 }
 
-/// Moves each vertex whose ray's opacity crosses 1/2 far behind the vertex to within two cells of this crossing. `None`
-/// for a vertex whose ray's opacity stays below 1/2.
+/// Returns the place of each vertex; `None` if the opacity along its ray stays below 1/2. If the opacity crosses 1/2
+/// far behind the vertex, the vertex moves to within two cells of the crossing.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,

@@ -102,7 +102,7 @@ fn soft_matter_has_its_surface_where_opacity_crosses_a_half() {
     let of_middle = |p: &&Vec3| p.truncate().abs().max_element() < 0.3 && p.z > 0.0;
     let depths: Vec<f32> = points.iter().filter(of_middle).map(|p| 1.0 - p.z).collect();
     assert!(!depths.is_empty());
-    // The third smallest of the 26 sums is that of a direction at 45 degrees to the normal or, along a diagonal, 54.7.
+    // The third smallest of the 26 sums belongs to a direction at 45 or 54.7 degrees to the normal, not along it.
     for depth in depths {
         assert!((0.5..1.1).contains(&(depth / half)), "{depth} {half}");
     }
@@ -125,7 +125,8 @@ fn no_vertex_is_further_than_two_cells_from_where_opacity_crosses_a_half() {
     let mesh = mesh(&field, &lattice, Surface::Visible, |_| {}).expect("a mesh");
     assert!(mesh.vertices.len() > 1000, "{}", mesh.vertices.len());
     let mut off = vec![f32::INFINITY; mesh.vertices.len()];
-    // A vertex may have moved, so the start of its ray is unknown: 2 to 10 cells outside are tried.
+    // A vertex may have moved, so the start of its ray is unknown. Starts 2 to 10 cells outside of the vertex are
+    // tried.
     for before in (8..=40).map(|quarters| 0.25 * quarters as f32) {
         let ray = |vertex: &Vertex| {
             let (point, normal) = (Vec3::from(vertex.position), Vec3::from(vertex.normal));

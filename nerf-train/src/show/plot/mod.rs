@@ -28,15 +28,15 @@ const NOTE_SIZE: f32 = 17.0;
 const KEY: i32 = 34;
 /// Approximate number of ticks of an axis.
 const TICKS: usize = 9;
-/// Largest magnitude of a plotted value, as the plotting library computes ticks in f64. Points beyond are left out, as
-/// if not finite. On a logarithmic axis, so are points below the inverse.
+/// Largest magnitude of a plotted value, as the plotting library computes ticks in f64. Points with a larger value are
+/// left out. On a logarithmic axis, points below the inverse are left out, too.
 const LARGEST: f64 = 1e15;
 /// Font family that every SVG viewer has; in PNGs this name refers to the compiled-in font.
 const FONT: &str = "sans-serif";
 const INK: RGBColor = RGBColor(30, 30, 30);
 const GREY: RGBColor = RGBColor(90, 90, 90);
 
-/// Colours that the colour-blind tell apart, without the yellow that vanishes on white.
+/// Colours that the colour-blind can tell apart. The source's yellow is left out, as it vanishes on white.
 /// Source: Okabe and Ito 2008, "Color universal design".
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
@@ -298,7 +298,7 @@ impl LinePlot {
         let mut y = top;
         for (shown, (index, lines)) in entries.iter().enumerate() {
             let rest = entries.len() - shown;
-            // While more entries follow, a row is kept free for the number of entries without room.
+            // If more entries follow, a row stays free for the line that counts the entries without room.
             let needed = lines.len() as i32 * step + if rest > 1 { step } else { 0 };
             if y + needed > bottom && shown > 0 {
                 let more = format!("… and {rest} more");

@@ -101,7 +101,8 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
     Ok(())
 }
 
-/// Sheet with a row per view, a column per step, and ground truth over `background` last; `None` without snapshots.
+/// Sheet with a row per view, and a column per step. The last column is ground truth over `background`. `None` without
+/// snapshots.
 ///
 /// Pictures are read from the report's `folder`, which also has pictures from before a resume. A missing picture
 /// becomes a grey cell with the caption "no picture".
@@ -123,7 +124,8 @@ fn sheet(
             let taken = snapshots.iter().find(|taken| (taken.step, taken.view) == (step, index));
             let stored = taken.and_then(|taken| {
                 let picture = Picture::read(taken.path(folder, dataset))?;
-                // A snapshot of every N-th pixel is enlarged to the size of the ground truth.
+                // A snapshot may have only every N-th pixel of the view: it is enlarged to the size of the ground
+                // truth.
                 let fits = picture.width <= width && picture.height <= height;
                 fits.then(|| (picture.enlarged(width / picture.width.max(1)), taken.psnr_db))
             });

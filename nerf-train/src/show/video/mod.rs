@@ -17,8 +17,8 @@ use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-/// Time after which an ffmpeg without progress is killed: it reads nothing of a frame or, after the last frame, writes
-/// nothing.
+/// Time without progress after which ffmpeg is killed. Until the last frame, ffmpeg must read its input; afterwards, it
+/// must write its output.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Time in which ffmpeg must list its encoders.
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);

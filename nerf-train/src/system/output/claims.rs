@@ -69,7 +69,7 @@ enum Kind {
 enum Identity {
     #[cfg(unix)]
     Inode(u64, u64),
-    /// Canonical path, for a file that does not exist yet or a system without inodes.
+    /// Canonical path; used if the file does not exist yet, or if the system has no inodes.
     Path(PathBuf),
 }
 

@@ -127,7 +127,7 @@ impl AtomicFile {
         Ok(Self { sink, path: path.to_owned(), target, failed: false })
     }
 
-    /// Flushes, syncs to the disk and renames over the final name.
+    /// Flushes the file, syncs it to the disk and renames it to its final name.
     ///
     /// # Errors
     /// [`Attempt::Write`] if bytes did not reach the disk, now or in an earlier write whose error the caller ignored.

@@ -193,7 +193,7 @@ fn all_bytes_are_synced_before_the_rename_and_the_folder_after_it() {
     let cases: [(&Path, Way<'_>, Option<&[u8]>); 3] =
         [(&replaced, &atomic, Some(b"old")), (&new, &once, None), (&folder.path().join("c"), &atomic, None)];
     for (path, write, before) in cases {
-        // For each sync: whether it is the folder's, the length of a file, and the contents under the final name.
+        // For each sync: whether the folder is synced, else the file's length, and the contents under the final name.
         let seen = Rc::new(RefCell::new(Vec::new()));
         let look = {
             let (seen, path, inode) =

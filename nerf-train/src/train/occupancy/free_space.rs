@@ -5,27 +5,26 @@ use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Fraction of a line of sight, from the camera on, along which space is taken as free. It is below 1, since points are
-/// inexact and surfaces slanted.
+/// Fraction of a line of sight, measured from the camera, along which space is taken as free. It is below 1, since
+/// points are inexact and surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
-/// Least number of times that lines of sight must cross a cell, or the cells of a block together, to prove it free.
+/// Least number of crossings by lines of sight that proves a cell free. In a block, the crossings of all cells count.
 const MIN_CROSSINGS: u32 = 3;
-/// Ratio above which a cell is free: lines of sight that cross the cell, to lines that end in it.
+/// A cell is free only if more than this number of lines of sight cross it for each line that ends in it.
 const ENDS: u32 = 4;
 /// Side of a block of cells, in cells.
 const BLOCK: usize = 4;
-/// Least confidence of a line of sight that is used.
+/// Lines of sight with a confidence below this are ignored.
 const MIN_CONFIDENCE: f32 = 0.15;
 /// Steps per cell along a line of sight, in the uncontracted ball.
 const STEPS_A_CELL: f32 = 2.0;
 
-/// Returns for each cell of an unbounded scene, in the blob's order, whether the cell is free.
+/// Returns for each cell of an unbounded scene whether it is free. The cell at `(x, y, z)` has index `(x ny + y) nz +
+/// z`.
 ///
-/// Lines of sight cross a cell if the first 0.85 of their length pass through it. A cell is free if at least three
+/// A line of sight crosses a cell if the first 0.85 of its length passes through it. A cell is free if at least three
 /// lines cross it, and if the crossing lines are more than four times as many as the lines that end in it. All cells of
 /// a block of 4 × 4 × 4 are also free if together they are crossed at least three times, and no line ends in the block.
-///
-/// `resolution`: cells along each side of the cube `bounds`. `sights`: lines of sight of each of the `views`.
 pub(crate) fn free_cells(
     bounds: SceneBox,
     resolution: [u16; 3],

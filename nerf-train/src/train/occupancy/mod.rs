@@ -17,14 +17,14 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// Least fraction of the candidate cells that an update may leave occupied. An update that leaves fewer is not applied,
-/// since a network without density must not empty the grid.
+/// Least fraction of the candidate cells that an update may leave occupied. An update that leaves fewer is not applied:
+/// a network without density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// Divisor of the largest number of views that see one cell: each cell of the hull is seen by at least the quotient.
+/// A cell of the visual hull must be seen by at least a quarter of the number of views that see the most-seen cell.
 /// This excludes space behind the scene, which is not carved because only a few cameras see it.
 const SEEN_SHARE: u32 = 4;
-/// Largest number of multiply-adds, a few seconds of work, for which the final update evaluates eight points per cell.
-/// Above this, one point per cell is evaluated.
+/// Limit of the work for a final update with eight points per cell, in multiply-adds: a few seconds. If more would be
+/// needed, one point per cell is evaluated.
 const SETTLE_MACS: usize = 300_000_000_000;
 /// Least compositing weight with which a training sample marks its cell as visible.
 const MARKED_WEIGHT: f32 = 3e-3;
@@ -33,7 +33,7 @@ const MARKED_RAYS: u64 = 250_000;
 /// Density stored for a cell that was not evaluated yet; the cell stays occupied.
 const UNKNOWN: f32 = -1.0;
 
-/// Occupancy grid with one bit per cell, as in the blob.
+/// Occupancy grid with one bit per cell, in the layout of the exported file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LiveCells {
     min: [f32; 3],
@@ -62,7 +62,7 @@ impl LiveCells {
         self.resolution
     }
 
-    /// Occupancy bit of each cell, in the blob's order.
+    /// Occupancy bits, least significant bit of a byte first. The cell at `(x, y, z)` has bit `(x ny + y) nz + z`.
     pub fn bits(&self) -> &[u8] {
         &self.bits
     }
@@ -80,7 +80,8 @@ impl LiveCells {
         (Vec3::from(self.max) - Vec3::from(self.min)) / sides
     }
 
-    /// World position at fractions `u`, 0 to 1 along x, y, z, of a cell. `cell`: index in the blob's order.
+    /// Position of a point in cell `cell`, in the coordinates of the scene box. `u`: the point's coordinates within the
+    /// cell, 0 to 1 along x, y, z. `cell`: index `(x ny + y) nz + z`.
     fn point(&self, cell: u32, u: [f32; 3]) -> Vec3 {
         let [_, ny, nz] = self.resolution.map(u32::from);
         let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
@@ -88,8 +89,8 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
-    /// Creates an occupancy grid of `resolution` cells along x, y, z over `bounds`. `live`: occupied cells, indices in
-    /// the blob's order.
+    /// Creates an occupancy grid of `resolution` cells along x, y, z over `bounds`. `live`: index `(x ny + y) nz + z`
+    /// of each occupied cell.
     ///
     /// # Panics
     /// If a cell is outside of the occupancy grid.
@@ -120,7 +121,8 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// Number of cells along x, y, z of a box with these side lengths, `resolution` along the longest.
+    /// Number of cells along x, y, z of a box with sides `extent`. `resolution`: number of cells along the longest
+    /// side.
     pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
         let cell = extent.max_element() / f32::from(resolution);
         extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
@@ -133,11 +135,12 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// Occupancy grid of an unbounded scene. A cell is occupied if two cameras at least `apart` from each other see it,
-    /// if no camera is nearer to it than its distance in `nears`, and if it is not `free`.
+    /// Occupancy grid of an unbounded scene. A cell is occupied if two cameras far enough apart see it, unless it is
+    /// too near to a camera or known to be free.
     ///
-    /// `nears`: for each view, the distance within which space is empty, world units. `apart`: world units. `free`:
-    /// whether each cell is known to be empty; an empty slice if nothing is known.
+    /// `nears`: for each view, the distance from its camera within which space is empty, world units. `apart`: least
+    /// distance between the two cameras, world units. `free`: for each cell, whether it is known to be empty; may be an
+    /// empty slice.
     pub fn seen(
         bounds: SceneBox,
         resolution: u16,
@@ -178,7 +181,7 @@ impl Occupancy {
         Self::of_candidates(bounds, full.live.resolution, cells)
     }
 
-    /// Returns a grid of twice the resolution, whose candidates are the eight cells inside each candidate.
+    /// Returns a grid of cells half as wide. Each candidate cell is replaced by the eight cells inside it.
     pub fn halved(&self) -> Self {
         let [_, ny, nz] = self.live.resolution.map(u32::from);
         let resolution = self.live.resolution.map(|side| 2 * side);
@@ -277,7 +280,7 @@ impl Occupancy {
         }
     }
 
-    /// Empties the cells without a mark, once at least `MARKED_RAYS` training rays have marked cells.
+    /// Empties the cells without a mark. Does nothing before `MARKED_RAYS` training rays have marked cells.
     pub fn drop_unweighted(&mut self) {
         if self.marked_rays >= MARKED_RAYS {
             self.live.bits.iter_mut().zip(&self.weighted).for_each(|(live, weighted)| *live &= weighted);
@@ -308,21 +311,22 @@ impl Occupancy {
     /// Final update before export: evaluates, at 2 × 2 × 2 points, every candidate that is not known to be occupied.
     ///
     /// The first density above `threshold`, 1/world unit, makes a cell occupied; its other points are not evaluated. If
-    /// evaluating all points would take too long (a large occupancy grid and a large network), each cell is evaluated
-    /// at its centre only, and the neighbours of occupied cells stay occupied, too.
+    /// all points would take too long (a large occupancy grid and a large network), each cell is evaluated at its
+    /// centre only. The neighbours of occupied cells then stay occupied, too.
     pub fn settle(&mut self, ask: &DensityQuery<'_>, threshold: f32) {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
-    /// Occupancy grid of a finished network, `resolution` cells along the longest side: as [`Self::settle`], but
-    /// applied even if hardly any cell stays occupied.
+    /// Computes the occupancy grid of a finished network, `resolution` cells along the longest side. Cells are
+    /// evaluated as in [`Self::settle`], but the result counts even if hardly any cell stays occupied.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy
     }
 
-    /// As [`Self::asked`], evaluated only in the occupied cells of the grid `cells`.
+    /// Computes the occupancy grid of a finished network as [`Self::asked`] does, but evaluates only the occupied cells
+    /// of `cells`.
     pub fn asked_within(cells: &LiveCells, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
         occupancy.settle_to(ask, threshold, 0.0);
@@ -374,8 +378,8 @@ impl Occupancy {
         };
         let points: Vec<[f32; 3]> = which.par_iter().map(point).collect();
         let mut sigma = densities(ask.isa, ask.architecture, ask.parameters, &self.live.bounds(), &points);
-        // Far out, steps are longer, and less density absorbs as much light: densities are multiplied by the growth of
-        // the step.
+        // Far from the centre, steps are longer, so that a lower density absorbs as much light in one step. Densities
+        // are therefore multiplied by the growth of the step.
         if let Some(contraction) = &ask.contraction {
             sigma.iter_mut().zip(points).for_each(|(sigma, p)| *sigma *= contraction.step_growth(p.into()));
         }

@@ -41,7 +41,7 @@ impl Silhouette {
         let i = self.camera.intrinsics();
         let (u, v) = self.camera.lens().project(Vec3::new(local.x, -local.y, z))?;
         let (x, y) = (i.cx + i.fx * u, i.cy + i.fy * v);
-        // Radius of the ball's projection, pixels, plus one pixel, by which resampling may have moved the outline.
+        // Radius of the ball's projection, pixels. One pixel is added: resampling may have moved the outline that far.
         let reach = radius / (z - radius) * i.fx.max(i.fy) * (1.0 + u * u + v * v).sqrt() + 1.0;
         let (x0, x1, y0, y1) = (x - reach, x + reach, y - reach, y + reach);
         if !(x0 >= 0.0 && y0 >= 0.0 && x1 <= self.width as f32 && y1 <= self.height as f32) {

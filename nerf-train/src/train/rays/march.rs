@@ -8,13 +8,13 @@ use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples whose cells are tested together.
 const GROUP: usize = 16;
-/// Constant 2^23: added to a number from 0 to 2^22, it leaves the nearest integer in the lowest bits of the sum.
+/// 2^23. If it is added to an f32 from 0 to 2^22, the lowest bits of the sum are the nearest integer.
 const MAGIC: f32 = 8_388_608.0;
 
-/// Cells along each side of a block.
+/// Number of cells along each side of a block. The march skips empty blocks.
 const BLOCK_SIDE: usize = 8;
 
-/// Occupied cells of a scene box, in the layout for marching.
+/// Occupied cells of a scene box, and a coarse grid of blocks by which the march skips empty space.
 #[derive(Clone, Debug)]
 pub struct MarchCells {
     bounds: SceneBox,
@@ -74,14 +74,14 @@ struct Lookup<'a> {
     bits: &'a [u8],
     resolution: [u32; 3],
     last: [f32; 3],
-    /// Origin of the ray in units of cells, minus half a cell: rounding a point of the ray then gives the index of its
-    /// cell.
+    /// Origin of the ray in units of cells, minus half a cell. Rounding a point of the ray then gives its cell's index.
     from: [f32; 3],
     along: [f32; 3],
 }
 
 impl<'a> Lookup<'a> {
-    /// Lookup in the occupancy bits `bits` along `ray`. `sides`: side lengths of the box in cells.
+    /// Lookup in the occupancy bits `bits` along `ray`. `resolution`: number of cells along x, y, z. `sides`: exact
+    /// side lengths of the box in cells.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -93,8 +93,8 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Whether cells are occupied, as bits. Bit `i` belongs to the cell of the ray's point at
-    /// `t = first + (base + i) step`; if this point is outside the box, to the nearest cell.
+    /// Occupancy of sixteen points of the ray, as bits. Bit `i` is that of the point at `t = first + (base + i) step`.
+    /// For a point outside the box, the nearest cell is read.
     #[inline(always)]
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
@@ -169,8 +169,8 @@ impl Op for March<'_> {
     }
 }
 
-/// Ray march as [`March`], in an unbounded scene. `first` and `step` count steps of the contraction
-/// ([`Contraction::distance`]). `start`: distance from the camera to the ray's origin, world units.
+/// Ray march of an unbounded scene; see [`March`]. `first` and `step` are in steps of the contraction, which
+/// [`Contraction::distance`] converts to distances. `start`: distance from the camera to the ray's origin, world units.
 ///
 /// For each sample in an occupied cell, appends to `samples` the contracted point, the length of the step in world
 /// units, and a factor for the sample's gradient. The factor is the squared distance from the camera, in radii of the
@@ -320,7 +320,7 @@ mod tests {
                 expected += oracle.len();
                 apart += positions.len().abs_diff(oracle.len());
             }
-            // The march and the lookup may count a point on a face to different cells.
+            // The march and the lookup may assign a point on a face to different cells.
             let few = expected > 100 && apart <= 3;
             assert!(few, "{resolution:?}: {found} found, {expected} expected, {apart} apart");
         }
@@ -376,7 +376,7 @@ mod tests {
                 }
             }
         }
-        // The march and the lookup may count a point on a face to different cells.
+        // The march and the lookup may assign a point on a face to different cells.
         assert!(expected > 4_000 && apart <= 3, "{expected} expected, {apart} apart");
     }
 }

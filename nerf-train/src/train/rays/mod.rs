@@ -24,7 +24,7 @@ const CHUNK: usize = 128;
 /// Number of rays that one task marches together in an unbounded scene, whose rays are fewer and longer.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// Number of rays of an unbounded scene among which one is cast along a line of sight.
+/// One in this number of rays of an unbounded scene is cast along a line of sight.
 const SIGHT_SHARE: usize = 8;
 
 /// All pixels from which a run draws its batches, and the sampling of their rays.
@@ -34,11 +34,11 @@ pub struct RayBank<'d> {
     /// For each view, the index of its first pixel among the pixels of all views. The last entry is the number of all
     /// pixels.
     starts: Vec<u64>,
-    /// Indices, over all views, of the pixels that batches are drawn from: unmasked and, if photographs show what is
-    /// foreground, near the foreground. `None`: all pixels.
+    /// Indices, among the pixels of all views, of the pixels that batches are drawn from. They are unmasked and, if
+    /// photographs show what is foreground, near the foreground. `None`: batches are drawn from all pixels.
     drawn: Option<Vec<u32>>,
-    /// For each view, the indices of its unmasked pixels, `None` without a mask. Empty unless a batch draws views first
-    /// and then their pixels.
+    /// For each view, the indices of its unmasked pixels; `None` if the view has no mask. The list is filled only if
+    /// batches draw views first, and then pixels of these views.
     unmasked: Vec<Option<Vec<u32>>>,
     background: Background,
     bins: Bins,
@@ -56,13 +56,13 @@ pub struct RayBank<'d> {
 struct Marched {
     rays: Vec<BatchRay>,
     samples: Samples,
-    /// Surfaces on the rays along lines of sight, one per ray; these rays come first in the batch.
+    /// One surface for each ray along a line of sight. These rays come first in the batch.
     surfaces: Vec<Surface>,
     /// For rays along lines of sight: position of each sample between the ray's ends, 0 to 1.
     along: Vec<f32>,
     /// Index of the view of each ray.
     views: Vec<u32>,
-    /// Index, in its view, of the pixel of each ray.
+    /// Index of each ray's pixel in its view.
     pixels: Vec<u32>,
     /// Origin of each ray, world units.
     origins: Vec<[f32; 3]>,
@@ -109,7 +109,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Returns the bank with one in eight rays cast along lines of sight of its views.
+    /// Makes the bank cast one in eight rays along lines of sight. `sights`: lines of sight of each view.
     #[must_use]
     pub fn with_sights(mut self, sights: &Sights) -> Self {
         let of_view = |(view, sights): (usize, &Vec<Sight>)| {
@@ -307,7 +307,7 @@ impl<'d> RayBank<'d> {
         (view, (pixel - self.starts[view]) as usize)
     }
 
-    /// Indices of the view and of the pixel in it, row by row, of ray `index` in a step of `rays` rays.
+    /// Source of ray `index` in a step of `rays` rays: index of its view, and row-major index of its pixel.
     pub fn source(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
         if let Some(&(view, Sight { at: [x, y], .. })) = self.sight(step, index, rays) {
             return (view, y as usize * self.views[view].size().0 as usize + x as usize);
@@ -328,8 +328,8 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Returns the rays `range` of a step of `rays` rays: for each its index, its view and pixel, the ray, and its
-    /// entry in the batch, still without samples.
+    /// Rays with the indices `range` of a step that has `rays` rays in all. Each item: index of the ray, indices of its
+    /// view and pixel, the ray, and its entry in the batch, still without samples.
     fn targets(
         &self,
         step: u64,
@@ -350,8 +350,8 @@ impl<'d> RayBank<'d> {
     fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
         let ray = ray_of(&self.cameras[view], pixel);
         let background = match self.background {
-            // Random corners of the colour cube, where errors of opacity change the colour most. White is drawn one
-            // time in three: against it, errors at the edges of most objects change the colour most.
+            // The background is a random corner of the colour cube: there, errors of opacity change the colour most.
+            // White is drawn one time in three: against it, errors at the edges of most objects change the colour most.
             Background::Alpha if self.sampling.random_background => {
                 let bits = uniform_u32(self.seed, Purpose::Background, step, index);
                 let white = bits >> 30 == 0;
@@ -450,10 +450,11 @@ fn ray_of(camera: &Camera, pixel: usize) -> Ray {
     camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
 }
 
-/// Distance from the foreground within which rays are drawn, pixels.
+/// Margin around the foreground, pixels. Only pixels of the foreground and this margin are drawn for batches.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Indices, over all views, of the pixels within [`FOREGROUND_MARGIN`] of the foreground; `None` if that is unknown.
+/// Indices, among the pixels of all views, of those within [`FOREGROUND_MARGIN`] of the foreground. `None` if the
+/// photographs do not show what is foreground.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();
@@ -479,8 +480,8 @@ pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Backgr
     Some(parts?.concat())
 }
 
-/// Indices, over all views, of the unmasked pixels; `None` if no view has a mask. The data set guarantees that each
-/// view has an unmasked pixel and that, with masks, there are at most 2^32 pixels in all.
+/// Indices, among the pixels of all views, of the unmasked pixels; `None` if no view has a mask. The data set
+/// guarantees that each view has an unmasked pixel and that, with masks, there are at most 2^32 pixels in all.
 pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
     views.iter().any(|view| view.mask.is_some()).then_some(())?;
     let of_view = |(view, &start): (&View, &u64)| {

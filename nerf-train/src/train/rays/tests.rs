@@ -11,8 +11,8 @@ fn bank((near, far): (f32, f32), samples: u16, jitter: Jitter) -> RayBank<'stati
     RayBank::new(&[], Background::Constant([0; 3]), bounds, &config).unwrap()
 }
 
-/// Pairs of a near-far range and a number of bins. Some of them once put samples near the end of a bin into the next
-/// bin.
+/// Ranges from near to far, each with a number of bins. With some of them, samples near the end of a bin once fell into
+/// the next bin.
 const CUTS: [((f32, f32), u16); 8] = [
     ((2.0, 6.0), 1),
     ((2.0, 6.0), 2),
@@ -82,7 +82,7 @@ fn a_sample_lies_where_its_fraction_says_and_without_jitter_in_the_middle() {
 
 #[test]
 fn every_step_ray_and_bin_of_training_has_a_fraction_of_its_own() {
-    // Bins have length 1, so that t minus the bin's index is the fraction.
+    // Bins have length 1, so that t minus the bin's index is the fraction within the bin.
     for jitter in [Jitter::Bin, Jitter::Width(0.5), Jitter::Width(10.0)] {
         let bank = bank((0.0, 64.0), 64, jitter);
         let mut seen: Vec<u32> = Vec::new();

@@ -10,8 +10,8 @@ use std::borrow::Cow;
 
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
-/// Least optical thickness, in one march step, of an occupied cell of the exported grid. The threshold in training may
-/// be lower.
+/// Least optical thickness per march step with which a cell is occupied in the exported grid. The threshold in training
+/// may be lower.
 const EXPORTED: f32 = 0.03;
 
 /// The field and occupancy grid of a run at one step, as they would be exported.
@@ -22,7 +22,7 @@ pub struct Candidate {
     pub parameters: Vec<f32>,
     /// Occupancy grid, usually after a last evaluation of all cells.
     pub live: LiveCells,
-    /// Architecture without the direction input; `None` if the trained architecture is exported.
+    /// Architecture to export if the direction input was removed; `None`: the trained architecture is exported.
     pub architecture: Option<Architecture>,
 }
 
@@ -40,8 +40,9 @@ pub struct About<'a> {
 impl Candidate {
     /// Copies the present state of the run.
     ///
-    /// `settle`: whether the occupancy grid gets a last update, which evaluates all its cells. A learned grid needs
-    /// this update only at the end of its run, because training evaluates its cells all the time.
+    /// `settle`: whether all cells of the occupancy grid are evaluated a last time. A learned grid needs this only at
+    /// the end of its run, because training evaluates its cells all the time. Without a learned grid, all cells are
+    /// always evaluated.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let averaged = trainer.state.average.values().map(Cow::Borrowed);
         let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());

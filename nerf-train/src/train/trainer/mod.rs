@@ -19,14 +19,15 @@ use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Camera;
 use std::time::{Duration, Instant};
 
-/// Number of consecutive steps without gradients, as when every density is 0, after which a run restarts with another
-/// seed.
+/// Number of consecutive steps without gradients, usually because every density is 0, after which a run restarts with
+/// another seed.
 const DEAD_STEPS: u32 = 100;
-/// Number of updates of the occupancy grid within which every candidate cell is evaluated once, with a learned grid.
+/// Largest number of occupancy updates in which every candidate cell is evaluated once, if the field has a learned
+/// grid.
 const REFRESHES: usize = 24;
-/// First number: length of the march's steps at the start of training in an unbounded scene, as a multiple of their
-/// final length. Second number: fraction of the run after which steps have their final length. Steps start long, since
-/// at first most of the scene is fog.
+/// Growth of the ray march's steps in an unbounded scene. First number: length at the start of training, as a multiple
+/// of the final length. Second number: fraction of the run after which the final length is reached. Steps start long,
+/// since at first most of the scene is fog.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
 /// Numbers as in [`UNBOUNDED_GROWTH`], for a bounded scene.
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
@@ -46,14 +47,15 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: the colour that the data set states, if any. Else black or, in an unbounded
-    /// scene, the mean colour of the photographs, which shows only where no photograph saw anything.
+    /// Background colour, display-encoded: the constant colour that the data set states, otherwise black. If the
+    /// background of an unbounded scene is unknown, it is the mean colour of the photographs. This colour shows only
+    /// where no photograph saw anything.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
     pub(crate) bounds: Bounds,
     bank: RayBank<'d>,
-    /// Final step of the ray march, world units; `None` if rays are divided into bins between near and far.
+    /// Final step length of the ray march, world units; `None` if rays are divided into bins between near and far.
     step_width: Option<f32>,
     engine: Box<dyn Engine>,
     pub(crate) state: State,
@@ -169,8 +171,8 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Time of this process's steps by phase: wall-clock time for updates of the occupancy grid, and the sum over
-    /// threads for each other phase.
+    /// Time that this process spent in each phase of its steps. Updates of the occupancy grid count in wall-clock time;
+    /// other phases are summed over threads.
     pub fn phases(&self) -> Phases {
         let mut phases = self.phases;
         phases += self.engine.phases();
@@ -305,7 +307,8 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Step of the ray march after the fraction `share` of the budget, world units; `None` if rays have bins.
+    /// Step length of the ray march once the fraction `share` of the budget is used, world units. `None` if rays are
+    /// divided into bins.
     fn step_width(&self, share: f64) -> Option<f32> {
         let longer = lengthened(share, self.bounds.contraction.is_some());
         self.step_width.filter(|_| self.state.occupancy.is_some()).map(|width| longer * width)
@@ -316,8 +319,8 @@ impl<'d> Trainer<'d> {
         let occupancy =
             self.state.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
         let live_per_ray = self.state.progressed.live_per_ray;
-        // With a grid, the number of rays follows from the samples that have a large enough weight. These are known
-        // only after the step.
+        // With a learned grid, the number of rays follows from the number of samples with a large enough weight, which
+        // is known only after the step.
         let counted_after = self.config.network.grid.is_some();
         if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.state.occupancy) {
             let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
@@ -428,8 +431,8 @@ impl March {
     }
 }
 
-/// Number of rays of a batch, from the intended number of samples. `live_per_ray`: mean number of samples per ray
-/// (`Progressed::live_per_ray`); 0 if not known yet. `margin`: factor on the number of rays.
+/// Number of rays with which a batch has about the configured number of samples. `live_per_ray`: mean number of samples
+/// per ray (`Progressed::live_per_ray`); 0 if not known yet. `margin`: factor on the number of rays.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -438,7 +441,8 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Smoothed number of samples per ray after a batch of `rays` rays with `live` samples. `before`: the last such number.
+/// Smoothed number of samples per ray after a batch of `rays` rays with `live` samples. `before`: the smoothed number
+/// before this batch; 0 before the first batch.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }

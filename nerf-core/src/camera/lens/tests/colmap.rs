@@ -1,4 +1,4 @@
-//! Lenses against COLMAP's own projections: results of `pycolmap.Camera.img_from_cam` (4.2.1), to 1e-4 pixels.
+//! Lenses against COLMAP's own projections: results of `pycolmap.Camera.img_from_cam` (4.2.1), rounded to 1e-4 pixels.
 
 use crate::camera::{Camera, Intrinsics, Lens, Pose, Projection};
 use glam::{Mat3, Vec3};
@@ -115,7 +115,7 @@ fn camera((width, height): (u32, u32), [fx, fy, cx, cy]: [f32; 4], lens: Lens) -
     Camera::new(Intrinsics { width, height, fx, fy, cx, cy }, lens, pose).expect("a camera")
 }
 
-/// Distance of the projections of two nearby directions, pixels, by the small-angle approximation.
+/// Distance, pixels, between the projections of two nearby unit directions, by the small-angle approximation.
 fn apart(ray: Vec3, dir: Vec3, focal: f32) -> f32 {
     (ray - dir).length() * focal
 }

@@ -86,7 +86,8 @@ fn a_cut_of_up_to_one_half_changes_no_median_and_more_is_refused() {
 
 #[test]
 fn the_median_stays_in_its_bin() {
-    // Optical thickness in front, and `sigma`: opaque bins, and a thickness that was rounded to above ln 2.
+    // Optical thickness in front of the bin, and `sigma`. The first two bins are opaque; the third thickness was
+    // rounded to above ln 2.
     for (thickness, sigma) in [(0.0, f32::INFINITY), (0.5, f32::MAX), (0.7, 1.0), (0.0, 1.0), (0.69, 1e-30)] {
         let t = median_in_bin(thickness, sigma, 3.0, 0.25);
         assert!((2.875..=3.125).contains(&t), "{thickness} {sigma}: {t}");

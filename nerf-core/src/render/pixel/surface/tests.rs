@@ -25,7 +25,7 @@ fn sets() -> impl Iterator<Item = Outputs> {
     })
 }
 
-/// Adds median distance and normals to `outputs`, if this build has them.
+/// Returns `outputs` with median distance and normals requested, if this build has them.
 fn with_surface(outputs: Outputs) -> Outputs {
     Outputs { median_distance: cfg!(feature = "median"), normals: cfg!(feature = "normals"), ..outputs }
 }

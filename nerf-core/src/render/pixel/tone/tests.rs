@@ -61,8 +61,8 @@ fn encoding_undoes_decoding() {
         worst = worst.max((back - c).abs());
     }
     std::println!("round trip {worst:e}");
-    // Encoding multiplies an error of decoding by its slope. Where the slope is largest, 12.92, decoding is nearly
-    // exact.
+    // Encoding multiplies an error of decoding by the slope of the encoding curve. Where this slope is largest, 12.92,
+    // decoding is nearly exact.
     assert!(worst <= 1e-6, "{worst:e}");
 }
 

@@ -212,8 +212,8 @@ fn kernels_agree_about_normals() {
     };
     let oracle = go(Kernel::IN_PLACE);
     for kernel in kernels() {
-        // Rounding may switch a unit whose input is near 0, with 8 significant bits at many samples. Therefore only the
-        // median error of all pixels is bounded.
+        // Rounding may switch a unit whose input is near 0. With weights of 8 significant bits, this happens at many
+        // samples. Therefore only the median error of all pixels is bounded.
         let mut off: Vec<f32> = go(kernel)
             .iter()
             .zip(&oracle)

@@ -282,7 +282,8 @@ fn a_proposal_that_sees_nothing_gives_even_samples() {
     };
     let (drawn, even) = (error(&found), error(&even));
     std::println!("squared error {drawn:e}, evenly {even:e}");
-    // The samples merge two evenly spaced sequences. Their error may exceed that of one such sequence by a factor.
+    // The drawn samples merge two evenly spaced sequences, so that their error may be several times that of one
+    // sequence.
     assert!(drawn < 16.0 * even, "{drawn} {even}");
 }
 

@@ -169,7 +169,7 @@ fn a_collision_has_the_colour_of_its_one_sample() {
             expected = [0, 1, 2].map(|c| expected[c] + left * f64::from(SCENE.background[c]));
             let drawn = oracle.pixel(&ray, &Quality::EXACT).0;
             for c in 0..3 {
-                // The number of draws of a sample is proportional to the sample's weight, up to one draw.
+                // The number of draws of a sample is proportional to the sample's weight, within one draw.
                 let bound = (samples.len() + 1) as f64 / DRAWS as f64;
                 let off = (mean[c] - expected[c]).abs();
                 assert!(off <= bound, "{off} of {bound}");

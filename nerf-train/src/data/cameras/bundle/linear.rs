@@ -8,8 +8,8 @@ use glam::{DMat3, DQuat, DVec3};
 /// device, a column per coordinate of the point. A device has fewer parameters than a pose: its last rows are 0.
 type Block = [DVec3; POSE];
 
-/// Index of the first parameter of a pose or device, and the derivatives of the residual's x and y with respect to its
-/// parameters.
+/// Derivatives of a residual with respect to one pose or device: index of its first parameter among all unknowns, then
+/// the derivatives of the residual's x and y.
 type Rows = (usize, [[f64; POSE]; 2]);
 
 /// Normal equations of all poses and devices, points eliminated; only the lower triangle of `matrix` is used.
@@ -22,7 +22,7 @@ pub(super) struct Reduced<'a> {
 }
 
 struct Point {
-    /// Blocks of the poses and devices that see the point, each with the index of the block's first parameter.
+    /// `(index of the first parameter, block)` of each pose and each device that sees the point.
     blocks: Vec<(usize, Block)>,
     inverse: DMat3,
     right: DVec3,
@@ -48,8 +48,8 @@ impl<'a> Reduced<'a> {
         Some(reduced)
     }
 
-    /// Returns the derivatives of an observation's residual with respect to its pose and its device, then the whole
-    /// Jacobian, then the weight in the robust loss. Returns `None` if the point is not in front of the camera.
+    /// Returns three things for an observation: the derivatives of the residual with respect to pose and device, the
+    /// whole Jacobian, and the weight in the robust loss. `None` if the point is not in front of the camera.
     #[inline]
     fn rows(&self, seen: &Observation) -> Option<([Rows; 2], Jacobian, f64)> {
         let jacobian = self.bundle.linearised(seen)?;

@@ -19,9 +19,10 @@ use linear::Reduced;
 
 /// Number of parameters of a pose (rotation, translation). A device has three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-/// Scale s of the robust loss, pixels: about quadratic for smaller reprojection errors, about linear for larger ones.
+/// Scale s of the robust loss, pixels. The loss is about quadratic in smaller reprojection errors, about linear in
+/// larger ones.
 const SOFT_PIXELS: f64 = 1.0;
-/// A point is in front of a camera if its depth exceeds this fraction of the camera's distance from the origin.
+/// A point is in front of a camera if its depth exceeds this fraction of the camera's distance from the world origin.
 const MIN_DEPTH: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 100;
 /// The adjustment ends when a step lowers the cost by less than this fraction.
@@ -38,7 +39,7 @@ pub(crate) struct Device {
     pub(crate) second_order: bool,
 }
 
-/// Intrinsics of one photograph that the adjustment does not change.
+/// Intrinsics of one photograph, which the adjustment leaves unchanged.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) principal: DVec2,
@@ -139,8 +140,9 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its optical axis to compensate for a changed focal length: from `own`, pixels, to its
-    /// device's. Points at the camera's median depth keep their size in the picture.
+    /// Moves each camera along its optical axis to compensate for a changed focal length. Before the change: `own`,
+    /// pixels, one per photograph. After it: the focal length of the device. Points at the median depth of a camera
+    /// keep their size in its picture.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {

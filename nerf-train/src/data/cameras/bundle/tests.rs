@@ -4,7 +4,8 @@ use super::*;
 
 const FRAME: Frame = Frame { principal: DVec2::new(400.0, 300.0), aspect: 1.0, tangential: [1e-3, -2e-3] };
 
-/// Ten cameras of two devices, at distance 6 from 80 points around the origin, with exact observations.
+/// Ten cameras of two devices and 80 points around the origin, with exact observations. Each camera is about 6 from the
+/// origin.
 fn truth() -> Bundle {
     let devices = [(600.0, [-0.05, 0.02]), (750.0, [0.03, 0.0])];
     let device = |(focal, radial): (f64, [f64; 2])| Device { focal, radial, second_order: radial[1] != 0.0 };

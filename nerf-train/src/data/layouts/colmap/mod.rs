@@ -173,7 +173,8 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     Ok((model, encoding))
 }
 
-/// Sparse points of the reconstruction in `folder` that some photograph sees, relative to `origin`; may be empty.
+/// Sparse points of the reconstruction in `folder`, relative to `origin`; may be empty. Points that no photograph sees
+/// are left out, with a warning.
 pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
@@ -265,7 +266,8 @@ impl Points {
         }
     }
 
-    /// Adds a point that `photographs` photographs see. `number`: `POINT3D_ID`. `error`: reprojection error, pixels.
+    /// Adds a point, if any photograph sees it. `number`: `POINT3D_ID`. `error`: reprojection error, pixels.
+    /// `photographs`: number of photographs that see the point.
     fn push(
         &mut self,
         number: u64,

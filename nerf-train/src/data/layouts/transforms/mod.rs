@@ -71,10 +71,12 @@ struct CameraFields {
     p2: Option<f64>,
 }
 
-/// Camera models without fisheye distortion. If `is_fisheye` is set, their coefficients are fisheye coefficients.
+/// Values of `camera_model` for lenses without fisheye distortion. If the json also sets `is_fisheye`, it overrides the
+/// model: the coefficients are fisheye coefficients.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// The coefficient k4 is dropped if it shifts the farthest corner by at most this, pixels; otherwise k4 is an error.
+/// The coefficient k4 of a polynomial lens is dropped if it shifts the picture's farthest corner by at most this,
+/// pixels. Otherwise k4 is an error.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -174,7 +176,7 @@ impl Transforms {
             }
             None => None,
         };
-        // The factor applies to the stated size. Without one, no smaller copy is looked for.
+        // The factor applies to the stated size. If no size is stated, no smaller copy is looked for.
         let factor = match (folder.downscale, stated) {
             (Some(downscale), (Some(w), Some(h))) => downscale.factor((w, h)),
             _ => 1,
@@ -197,7 +199,7 @@ impl Transforms {
     }
 }
 
-/// Size limit of a file that is searched for the frame with NaN or Infinity, bytes.
+/// Maximum size, bytes, of a file that is searched for NaN and Infinity after a parse error.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
 /// Error that names the first frame and field with NaN or Infinity. Many programs write these values, but JSON has
@@ -209,7 +211,7 @@ fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<
     for word in ["-Infinity", "Infinity", "NaN"] {
         let text = std::mem::take(&mut cleared);
         for (index, part) in text.split(word).enumerate() {
-            // Replaces the word only as a JSON value, not within a name.
+            // Replaces NaN or Infinity only where it is a JSON value, not within a name.
             let value = cleared.trim_end().ends_with(['[', ',', ':'])
                 && part.trim_start().starts_with([']', ',', '}']);
             match (index, value) {

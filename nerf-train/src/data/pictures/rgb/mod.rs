@@ -85,7 +85,8 @@ impl Picture {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
-    /// [Reduces](Self::box_filtered) the picture by the smallest whole factor with a longer side of at most `pixels`.
+    /// [Reduces](Self::box_filtered) the picture by the smallest whole factor that makes the longer side at most
+    /// `pixels`.
     pub fn reduced_to(&self, pixels: usize) -> Self {
         let factor = self.width.max(self.height).div_ceil(pixels.max(1));
         if factor <= 1 {
@@ -175,10 +176,10 @@ pub fn write_rgba_png(
     Ok(write_atomic(path, &encode_png(&bytes, width, height, (ColorType::Rgba, BitDepth::Eight))?)?)
 }
 
-/// Writes a 16-bit grey PNG in which `range.0` is 0 and `range.1` is 65,535.
+/// Writes a 16-bit grey PNG. The value `range.0` is written as 0, `range.1` as 65,535.
 ///
 /// `values`: `[height * width]`, in the unit of `range`, for example world units. Values are clamped and rounded half
-/// up. NaN gives 0, as does any value if the range is empty. One grey level is (range.1 − range.0) / 65,535: store the
+/// up. NaN gives 0. If the range is empty, all values give 0. One grey level is (range.1 − range.0) / 65,535: store the
 /// range with the file.
 pub fn write_grey16_png(
     path: impl AsRef<Path>,

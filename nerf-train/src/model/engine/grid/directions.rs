@@ -9,7 +9,7 @@ use nerf_core::math::MathBackend;
 
 #[derive(Default)]
 pub(super) struct Directions {
-    /// Encoded directions, `[directions][padded outputs]`.
+    /// Encoded directions, `[directions][padded outputs of the encoding]`.
     pub rows: Vec<f32>,
     dirs: Vec<f32>,
     channels: Vec<f32>,

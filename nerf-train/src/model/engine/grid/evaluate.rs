@@ -33,9 +33,9 @@ pub(super) struct RayState {
 pub(super) struct Evaluated {
     pub rays: Vec<RayState>,
     alive: Vec<usize>,
-    /// Row of each sample of the chunk; this list is in the order of the batch.
+    /// For each sample of the chunk, in the order of the batch: its row in the buffers.
     pub row_of: Vec<u32>,
-    /// Index in the batch of each row's sample.
+    /// For each row of the buffers: index in the batch of its sample.
     pub index_of: Vec<u32>,
     pub deltas: Vec<f32>,
     /// Encoded positions, `[rows][padded channels]`.
@@ -53,8 +53,8 @@ impl Evaluated {
         Self { hidden: vec![Vec::new(); trunk], ..Self::default() }
     }
 
-    /// Evaluates sigma at the samples of `rays`; a ray ends when its transmittance is below `T_MIN`. `first`: index in
-    /// the batch of the first sample of `rays`.
+    /// Evaluates sigma at the samples of `rays`, wave by wave. A ray ends when its transmittance is below `T_MIN`.
+    /// `first`: index in the batch of the first sample of `rays`.
     pub fn densities(
         &mut self,
         job: &Job<'_>,
@@ -121,8 +121,8 @@ impl Evaluated {
         }
     }
 
-    /// Sets the rays of the chunk to their first samples. `first`: index in the batch of the chunk's first sample.
-    /// Returns the index after the chunk's last sample.
+    /// Resets the states of `rays`: none of their samples is evaluated. `first`: index in the batch of their first
+    /// sample. Returns the index after their last sample.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();
@@ -190,8 +190,8 @@ impl Evaluated {
         let h = &self.hidden.last().unwrap_or(&self.encoded)[rows.start * across..];
         grow(&mut self.raw, stride * VECTOR);
         density.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
-        // Moves the first column of all rows to the beginning of the buffer. In place: each value is read before it is
-        // overwritten.
+        // Moves the first column of all rows to the beginning of the buffer. This is safe in place, since each value is
+        // read before it is overwritten.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];
         }

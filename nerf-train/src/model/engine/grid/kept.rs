@@ -20,9 +20,9 @@ pub(super) struct KeptSamples {
 }
 
 impl KeptSamples {
-    /// Keeps the samples of weight above `GATE`. With `roulette`, keeps the samples of weight above `ROULETTE_WEIGHT`,
-    /// and some others at random. A ray ends when its transmittance is below `T_MIN`. `depths`: optical depth of each
-    /// sample; `first`: index in the batch of the first sample.
+    /// Keeps the samples of compositing weight above `GATE` or, with `roulette`, above `ROULETTE_WEIGHT`. With
+    /// `roulette` (seed and step), also keeps some other samples at random. A ray ends when its transmittance is below
+    /// `T_MIN`. `depths`: optical depth of each sample; `first`: index in the batch of the first sample.
     pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
         let (mut counts, mut unkept) = (Vec::new(), Vec::new());

@@ -8,7 +8,7 @@ use crate::model::engine::{Dense, Model, Part};
 use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::Isa;
 
-/// Weights of a layer for its main or for its extra inputs, laid out for products with rows of samples.
+/// Weights of a layer for either its main or its extra inputs, laid out for products with rows of samples.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Product {
     pub inputs: usize,
@@ -25,7 +25,7 @@ impl Product {
         Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
     }
 
-    /// Copies `inputs` columns of `weights`, `[outputs][row]`, from column `first` on, into both layouts.
+    /// Copies `inputs` columns of `weights`, from column `first` on, into both layouts. `weights`: `[outputs][row]`.
     fn load(&mut self, weights: &[f32], row: usize, first: usize) {
         let (across, back) = (padded(self.outputs), padded(self.inputs));
         for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {
@@ -36,7 +36,8 @@ impl Product {
         }
     }
 
-    /// Computes `y = act(init + x Wᵀ)` of `rows` samples; `x`: `[rows][x_row]`, `y`: `[rows][padded outputs]`.
+    /// Computes `y = act(init + x Wᵀ)` for `rows` samples. `x`: `[rows][x_row]`; `y`: `[rows][padded outputs]`. `act`:
+    /// ReLU if `relu`, else the identity.
     #[allow(clippy::too_many_arguments, reason = "a product's")]
     pub fn forward(
         &self,
@@ -62,7 +63,8 @@ impl Product {
         gemm(isa, g, dy, &self.backward, dx, init, false);
     }
 
-    /// Adds the gradient with respect to the weights, `xᵀ dy`, to `sum`, `[inputs][padded outputs]`.
+    /// Adds the gradient with respect to the weights, `xᵀ dy`, to `sum`, `[inputs][padded outputs]`. `x`:
+    /// `[rows][x_row]`.
     pub fn add_gradient(&self, isa: Isa, rows: usize, x: &[f32], x_row: usize, dy: &[f32], sum: &mut [f32]) {
         let n = padded(self.outputs);
         let g = Gemm { m: self.inputs, n, k: rows, a_row: 1, a_col: x_row, b_row: n, c_row: n };
@@ -163,7 +165,8 @@ impl LayerSums {
         self.main.iter_mut().chain(&mut self.extra).for_each(|sum| sum.fill(0.0));
     }
 
-    /// Writes the total of all `sums`, added in order, to `gradient`, in the parameters' order; 0 for biases.
+    /// Writes the total of all `sums`, added in order, to `gradient`, which is in the order of the parameters. Biases
+    /// get 0.
     pub fn reduce<'s>(layers: &Layers, sums: impl Iterator<Item = &'s Self> + Clone, gradient: &mut [f32]) {
         gradient.fill(0.0);
         for (l, Layer { dense, main, extra }) in layers.all().enumerate() {

@@ -56,7 +56,7 @@ use std::sync::{Mutex, MutexGuard};
 
 /// Number of accumulators, and largest number of threads of the forward and backward passes.
 const ACCUMULATORS: usize = 16;
-/// Largest number of rays of a chunk: their samples with all activations fit the second-level cache.
+/// Largest number of rays of a chunk. All activations of their samples then fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
 /// Smallest number of chunks into which a batch is cut, so that every thread has work. A small batch is cut into fewer
 /// chunks, of at least `FEWEST_RAYS` rays.
@@ -87,7 +87,8 @@ pub struct GridEngine {
 }
 
 impl GridEngine {
-    /// Creates an engine with the initial values of `seed`. `bounds`: box of the grid; a 2D field uses its x and y.
+    /// Creates an engine with the random initial parameters of `seed`. `bounds`: box of the grid; a 2D field uses its x
+    /// and y.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
@@ -132,8 +133,8 @@ impl GridEngine {
         self.isa = isa;
     }
 
-    /// Returns the loss of a checked batch; writes the layers' gradient to `gradient`, the samples' gradients to
-    /// `passes`.
+    /// Returns the loss of a batch that [`Batch::check`] accepted. Writes the layers' gradient to `gradient`, and the
+    /// samples' gradients to `passes`.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         self.layers.load(&self.state.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
@@ -189,7 +190,8 @@ fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
-/// Returns, for each of `views` photographs, the gradient with respect to its log gain: the sum over its rays.
+/// Returns, for each of `views` photographs, the gradient with respect to its log gain, summed over the photograph's
+/// rays.
 fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0f32; 3]; views];
     for (view, gradient) in gains {

@@ -52,7 +52,7 @@ pub(super) struct Pass {
     pub kept: Kept,
     /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
     pub gains: Vec<(u32, [f32; 3])>,
-    /// Index in the batch, and rendered minus target colour, of each ray whose photograph is known.
+    /// For each ray whose photograph is known: index in the batch, and rendered minus target colour.
     pub errors: Vec<(u32, [f32; 3])>,
     /// Gradients of the loss with respect to the rays; empty if not requested.
     pub rays: Vec<RayGradient>,
@@ -72,7 +72,8 @@ pub(super) struct Scratch {
     by_weight: Vec<f32>,
     /// Distance of each kept sample from the kept sample before it.
     gaps: Vec<f32>,
-    /// Gradient of the loss with respect to each kept sample's raw density: the first column of `[samples][VECTOR]`.
+    /// Gradient of the loss with respect to each kept sample's raw density, `[samples][VECTOR]`; only the first column
+    /// is used.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -244,8 +245,8 @@ impl Scratch {
 }
 
 /// Adds the gradient of a ray's depth loss with respect to its samples' weights to `by_weight`. Returns the gradient of
-/// the depth loss with respect to the transmittance after the last sample. `index`, `ray`: index of the ray in the
-/// batch and in the chunk.
+/// the depth loss with respect to the transmittance after the last sample. `index`: index of the ray in the batch;
+/// `ray`: its index in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,
@@ -290,8 +291,8 @@ fn raw_densities(
     }
 }
 
-/// Returns the error of a channel, `shown` minus `rgb`. If the photograph has a gain and its channel is clipped at
-/// white, a rendered value `shown` beyond white is no error: returns 0.
+/// Returns the error of a channel: rendered value `shown` minus target `rgb`. Returns 0 if the photograph has a gain,
+/// `rgb` is clipped at white, and `shown` is beyond white.
 fn clipped_error(shown: f32, rgb: f32, gain: f32) -> f32 {
     if gain != 1.0 && rgb >= CLIPPED && shown > 1.0 { 0.0 } else { shown - rgb }
 }

@@ -17,7 +17,7 @@ pub(super) struct RayScratch {
 }
 
 impl RayScratch {
-    /// Appends the gradient of the loss with respect to each ray that has kept samples to `found`.
+    /// Appends to `found`, for each ray with kept samples, the gradient of the loss with respect to the ray.
     ///
     /// A sample is at `p = origin + t dir`. dL/d origin is the sum of dL/dp over the samples, and dL/d dir is the sum
     /// of t dL/dp plus the gradient through the colour branch. `by_encoded`: gradient of the loss with respect to the
@@ -88,14 +88,14 @@ impl RayScratch {
 /// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: the term of each interval's own width is left out, as the
 /// widths are given.
 pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut [f32]) {
-    // Sums over the samples in front: of their weights, and of weights times distances.
+    // Two sums over the samples in front: of weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);
     for ((g, w), gap) in gradient.iter_mut().zip(weights).zip(gaps) {
         moment += sum * gap;
         sum += w;
         *g = 2.0 * moment;
     }
-    // Sums over the samples behind: of their weights, and of weights times distances.
+    // Two sums over the samples behind: of weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);
     for ((g, w), gap) in gradient.iter_mut().zip(weights).zip(gaps).rev() {
         *g += 2.0 * moment;

@@ -45,7 +45,7 @@ pub struct GridReferenceEngine {
 struct OfRays {
     /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
     gains: Vec<(u32, [f32; 3])>,
-    /// Index in the batch, and rendered minus photographed colour, of each ray whose photograph is known.
+    /// For each ray whose photograph is known: index in the batch, and rendered minus photographed colour.
     errors: Vec<(u32, [f32; 3])>,
 }
 
@@ -153,7 +153,8 @@ impl GridReferenceEngine {
         let sigma = with_gradient_scaled(forward::density(network, &h)?, scales.clone())?;
         let tau = rows.of(sigma)?.try_mul(rows.constants(|i| batch.deltas[kept.samples[i]])?)?;
 
-        // Russian roulette: inverse-probability weights on a sample's colour, and on the gradient of its occlusion.
+        // Russian roulette: the inverse probability multiplies the weight of a sample, and the gradient of its effect
+        // on the transmittance behind it.
         let inverse = || rows.constants(|i| kept.inverse[i]);
         let (front, transmittance) =
             rows.transmittance(with_gradient_scaled(tau.with_empty_tape(), inverse()?)?)?;
@@ -201,7 +202,7 @@ impl GridReferenceEngine {
         Ok(Rendered { mse, total: with_tape(total, h.split_tape().1), gains, errors })
     }
 
-    /// Returns the loss of a checked batch and its gradient with respect to each parameter.
+    /// Returns the loss of a batch that [`Batch::check`] accepted, and its gradient with respect to each parameter.
     fn differentiate(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let network = forward::network(self)?;
         let (mut chunks, mut loss) = (Vec::new(), StepLoss::default());

@@ -117,7 +117,7 @@ impl Samples {
     }
 }
 
-/// Copies the rows with indices `rows` of `from`, `[…][width]`, to `to`.
+/// Copies rows of `from`, `[…][width]`, to `to`. `rows`: indices of the rows to copy.
 fn take_rows(from: &[f32], width: usize, rows: &[u32], to: &mut Vec<f32>) {
     grow(to, padded(rows.len()) * width);
     for (to, &row) in to.chunks_exact_mut(width).zip(rows) {

@@ -11,9 +11,9 @@ use std::time::Instant;
 
 /// Number of values in a part of a level; Adam skips a part that no sample reads.
 const PART: usize = 64;
-/// Distance of the prefetch in Adam's update, in parts of [`PART`] values.
+/// Prefetch distance in Adam's update, in parts of [`PART`] values.
 const AHEAD: usize = 4;
-/// Distance of the prefetch in the sum of gradients, in samples.
+/// Prefetch distance in the sum of gradients, in samples.
 const SAMPLES_AHEAD: usize = 8;
 
 /// Kept samples of one accumulator's chunks, with the gradients by which the tables are updated.
@@ -52,8 +52,8 @@ impl Kept {
     }
 }
 
-/// Computes the bits of the largest absolute value. As integers, the bits of absolute values are ordered as the values
-/// are; NaN is the largest.
+/// Computes the bits of the largest absolute value. As integers, the bits of absolute values have the same order as the
+/// values; NaN is the largest.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -186,8 +186,8 @@ impl LevelSum {
     }
 }
 
-/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to the gradients of the table entries they
-/// read.
+/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to the gradients of the table entries that the
+/// samples read.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],
@@ -219,7 +219,7 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
                 }
             }
             let of_level = &row[index * F..][..F];
-            // Gradients of the near and the far entry, which are adjacent in the table.
+            // Gradients of the two entries of a pair of corners, which are neighbours in x and adjacent in the table.
             let mut both = [0.0f32; F2];
             for f in 0..F {
                 let far = of_level[f] * across[i];

@@ -36,10 +36,11 @@ impl<'a> Shaded<'a> {
     }
 }
 
-/// The colour branch, forward and backward, with buffers for one thread: one row for each ray with kept samples.
+/// Forward and backward pass of the colour branch. The buffers are for one thread, and have one row for each ray with
+/// kept samples.
 #[derive(Default)]
 pub(super) struct Shade {
-    /// Row in the buffers of each ray of the chunk; undefined for a ray without kept samples.
+    /// For each ray of the chunk: its row in the buffers; undefined for a ray without kept samples.
     row_of: Vec<usize>,
     rows: Vec<Row>,
     /// Mean features P, `[rows][padded features]`.
@@ -136,8 +137,8 @@ impl Shade {
         [0, 1, 2].map(|k| self.rows[row].opacity * rgb[row * VECTOR + k])
     }
 
-    /// Returns, for each ray with kept samples, the gradient of the loss with respect to the ray's direction through
-    /// the colour branch. Valid after the backward pass of a batch that requests ray gradients.
+    /// Returns, for each ray with kept samples, the gradient, through the colour branch, of the loss with respect to
+    /// the ray's direction. Valid after the backward pass of a batch that requests ray gradients.
     pub fn by_directions(&self, job: &Job<'_>, chunk: Shaded<'_>) -> impl Iterator<Item = Vec3> {
         let outputs = match job.model.architecture.direction {
             Some(direction @ DirectionEncoding::SphericalHarmonics { .. }) => direction.outputs(),

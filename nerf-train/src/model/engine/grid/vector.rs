@@ -19,7 +19,7 @@ impl Op for Exponentials<'_> {
     fn run<V: Lanes>(self) {
         for (x, out) in self.x.chunks_exact(V::COUNT).zip(self.out.chunks_exact_mut(V::COUNT)) {
             let x = V::load(x).add(V::splat(self.bias));
-            // `exp` clamps its argument at -87; the comparison leaves NaN as it is.
+            // The lower limit, -87, is applied in `exp`. NaN compares false, and stays NaN.
             let limited = V::select(V::splat(self.limit).less(x), V::splat(self.limit), x);
             V::select(limited.equals(limited), exp(limited), limited).store(out);
         }

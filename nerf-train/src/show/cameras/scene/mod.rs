@@ -160,8 +160,8 @@ impl Scene {
     /// Direction from the scene to a viewpoint that shows the cameras from the side, at `elevation` degrees.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
-        // The cameras of an unbounded scene may look outward from its middle, so their directions tell what is behind
-        // them.
+        // Cameras in an unbounded scene may look outward from its middle, so the direction behind a camera is opposite
+        // to its viewing direction.
         let behind = |camera: &ShownCamera| match self.bounds.contraction {
             Some(_) => -camera.camera.pose().forward(),
             None => camera.camera.pose().position - self.centre(),
@@ -208,7 +208,7 @@ impl Scene {
             false if self.split == "train" => {
                 format!("{} of the {} rays of training step {}", self.rays.len(), s.rays, s.step)
             }
-            // Training uses no views of other splits, so this step is hypothetical.
+            // Training samples no views of this split, so the step is hypothetical.
             false => format!(
                 "{} of the {} rays that step {} would draw from these views",
                 self.rays.len(),
@@ -314,7 +314,7 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
 fn nearest_axis(views: &[View]) -> Vec3 {
     let mean: Vec3 = views.iter().map(|view| view.camera.pose().rotation.y_axis).sum();
     let axes = [Vec3::Z, Vec3::Y, Vec3::X, Vec3::NEG_Z, Vec3::NEG_Y, Vec3::NEG_X];
-    // Reversed, `max_by` returns the first of equally near axes: +Z if the mean is 0.
+    // `max_by` returns the last of equal maxima. In reversed order, this is +Z if the mean is 0.
     axes.into_iter().rev().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
 }
 

@@ -61,7 +61,7 @@ fn rays_of_an_unbounded_scene_begin_at_their_cameras_and_its_ball_is_drawn() {
     let from_centre = |p: &Vec3| p.distance(contraction.centre()) / contraction.radius();
     assert_eq!(outline.len(), 3);
     assert!(outline.concat().iter().all(|p| (from_centre(p) - 1.0).abs() < 1e-5));
-    // The frusta are large enough to show the photographs, and the facts name the ball.
+    // The frusta are large enough to show the photographs, and the text of facts mentions the inner ball.
     assert!(scene.frustum >= 0.1 * contraction.radius() && scene.facts().contains("ball of radius"));
     assert!(page::page(&scene).unwrap().contains(scene.ends()));
 }

@@ -14,8 +14,8 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest loss of PSNR against the exact rendering, dB, of a point that counts for the span of a Pareto front. The
-/// span is the speed-up of the fastest such point.
+/// Largest loss of PSNR, dB, that the span of a Pareto front allows. The span is the speed-up of the fastest point
+/// within this loss. Loss and speed-up are relative to the exact rendering.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Data and machine of a study.
@@ -37,7 +37,7 @@ pub struct Findings<'s, 'a, 'b> {
     pub totals: Vec<Totals>,
     /// Indices of the points on the Pareto front over time.
     pub front: Vec<usize>,
-    /// Indices of the points on the Pareto front over multiply-adds; the blob stores this front.
+    /// Indices of the points on the Pareto front over multiply-adds; the scene file stores this front.
     pub blob_front: Vec<usize>,
     /// Render time of each point, divided by the render time of the exact rendering.
     pub times: Vec<f64>,
@@ -50,8 +50,8 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// Speed-up against the exact rendering, and index, of the fastest point that `keep` accepts and that loses at most
-    /// [`SPAN_LOSS_DB`]; `None` if there is none.
+    /// Fastest point that `keep` accepts and that loses at most [`SPAN_LOSS_DB`]: its speed-up against the exact
+    /// rendering, and its index. `None` if there is no such point.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))
@@ -65,7 +65,8 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         let title = format!("{}: what accuracy costs in time", setting.data);
         let mut plot = LinePlot::new(title, name, format!("PSNR, dB, on {}", setting.background));
         let exact = self.study.points[0].seconds(clock).map_or(1.0, |s| s.median);
-        // Relative times are measured within a round, so that the machine's load cancels out.
+        // Times are relative to the exact rendering in the same round of timing, so that the machine's load cancels
+        // out.
         let place = |i: usize| (self.times[i] * exact, self.totals[0].psnr_db - self.totals[i].loss_db);
         let series = |name: &str, which: Vec<usize>, marker| Series {
             name: name.into(),

@@ -1,4 +1,5 @@
-//! File of shared cameras next to a blob: a reconstruction adjusted to one camera (set of intrinsics) per device.
+//! File of shared cameras next to a `.nerf` blob: a reconstruction adjusted to one camera (set of intrinsics) per
+//! device.
 
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::model::{Camera, Kind};
@@ -22,7 +23,8 @@ pub(super) struct Shared {
     pub(super) devices: Vec<Adjusted>,
     /// Mean reprojection error before and after the adjustment, pixels.
     pub(super) reprojection_error_px: [f64; 2],
-    /// Median and largest shift of the cameras, each divided by the median depth of the points that the camera sees.
+    /// Median and largest shift of the cameras. A camera's shift is its displacement divided by the median depth of
+    /// the points that it sees.
     pub(super) moved: [f64; 2],
     /// For each camera: width and height in pixels, and the parameters of COLMAP's camera model `OPENCV`.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
@@ -41,7 +43,8 @@ pub(super) struct Adjusted {
     pub(super) focal: f64,
 }
 
-/// Vector to add to a world-to-camera translation when coordinates become relative to `origin`.
+/// Rotates `origin` into a camera's axes; the quaternion (w, x, y, z) is the camera's world-to-camera rotation. The
+/// translation for coordinates relative to `origin` is the old world-to-camera translation plus this vector.
 pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
     DQuat::from_xyzw(x, y, z, w).normalize() * origin
 }

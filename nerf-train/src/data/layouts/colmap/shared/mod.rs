@@ -16,8 +16,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Maximum number of photographs that are adjusted. The time grows with the cube of the number; at the maximum it is
-/// half a minute.
+/// Reconstructions of more photographs than this are not adjusted. The time grows with the cube of the number of
+/// photographs; at the limit it is half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
 const MAX_GROWTH: f64 = 1.25;

@@ -6,7 +6,7 @@ use crate::model::engine::{Batch, EngineError, Surface};
 use dfdx::prelude::*;
 use std::ops::Range;
 
-/// Returns `x`, whose gradient the backward pass multiplies by `scale`.
+/// Returns `x` unchanged, but recorded so that the backward pass multiplies its gradient by `scale`.
 pub(super) fn with_gradient_scaled<S: Shape>(
     x: Tensor<S, f32, Cpu, Taped>,
     scale: Tensor<S, f32, Cpu>,
@@ -42,7 +42,8 @@ pub(super) fn surfaces(
     Ok(front.try_add(transmittance.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
 }
 
-/// Returns the distortion loss, `Σ_ij w_i w_j |s_i − s_j|`, summed over rays; `along`: `s`, ascending on each ray.
+/// Returns the distortion loss, `Σ_ij w_i w_j |s_i − s_j|`, summed over rays. `along`: distances `s`, ascending on each
+/// ray.
 pub(super) fn distortion(rows: &Rows, weights: Matrix<Taped>, along: Matrix) -> Result<Scalar, EngineError> {
     let front = rows.sums_in_front(weights.with_empty_tape())?;
     let moments = rows.sums_in_front(weights.with_empty_tape().try_mul(along.clone())?)?;

@@ -194,8 +194,8 @@ fn worse(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
-/// Returns dL/dp of one parameter by central differences of the oracle, and their error at a kink of a ReLU: half of
-/// the difference between the slopes on the two sides.
+/// Returns dL/dp of one parameter by central differences of the oracle's loss. Also returns half of the difference
+/// between the slopes on the two sides, which is the error of dL/dp at a kink of a ReLU.
 fn difference(model: &Model, p: &[f64], batch: &Batch, index: usize) -> (f64, f64) {
     let at = |h: f64| {
         let mut p = p.to_vec();
@@ -220,9 +220,9 @@ fn groups(model: &Model) -> Vec<std::ops::Range<usize>> {
     weights.chain(levels).collect()
 }
 
-/// Returns the largest error against finite differences, relative to the largest gradient of the group ([`groups`]).
-/// Tests each group's largest gradients, and parameters spread over the group. Asserts that the gate leaves out no
-/// sample.
+/// Returns the largest error of the gradients against finite differences, relative to the largest gradient of the
+/// parameter's group ([`groups`]). Tests each group's largest gradients, and parameters spread over the group. Asserts
+/// that the gate leaves out no sample.
 fn worst_of_differences(name: &str, model: &Model, engine: &mut GridEngine, batch: &Batch) -> f64 {
     let (loss, found) = gradients(engine, batch);
     let p = wide(&engine.parameters());
@@ -546,7 +546,8 @@ fn an_entry_that_every_sample_touches_has_one_sum_for_any_number_of_threads() {
 
 #[test]
 fn corners_of_a_cell_that_share_an_entry_add_up() {
-    // With one hash value, the four rows of a cell's corners share two entries. With two, they share two rows.
+    // A cell has four pairs of corners that are neighbours in x. With one hash value, all pairs read the same two
+    // entries. With two hash values, each pair reads one of two pairs of entries.
     for log2_entries in [0, 1] {
         let table = TableConfig {
             levels: 1,
@@ -698,7 +699,8 @@ fn an_entry_keeps_value_and_moments_while_it_is_not_touched() {
     let once = engine.state();
     let touched: Vec<usize> = (first..model.parameters()).filter(|&i| once.moment2[i] != 0.0).collect();
     assert_eq!(touched.len(), 16, "eight corners of two features");
-    // Adam's first step has the length of the rate for any gradient g: the corrected moments are g and g².
+    // Adam's first step has the length of the learning rate for any gradient g, since the corrected moments are g and
+    // g².
     for &i in &touched {
         let moved = start.parameters[i] - once.parameters[i];
         assert!((moved.abs() - 1e-2).abs() < 1e-5 && moved.signum() == once.moment1[i].signum(), "{moved}");
@@ -784,7 +786,7 @@ fn hashed_levels_move_in_turns_by_the_sum_of_their_gradients() {
         let expected = tape.state();
         assert!(apart(&expected.waiting, &after.waiting) < 1e-5, "{name}, step {step}");
         assert!(apart(&expected.moment1, &after.moment1) < 1e-5, "{name}, step {step}");
-        // Rounding decides the sign of a gradient near 0, and Adam's first steps have the length of the rate.
+        // Rounding decides the sign of a gradient near 0, and the length of Adam's first steps is the learning rate.
         let far =
             expected.parameters.iter().zip(&after.parameters).filter(|(a, b)| (*a - *b).abs() > 1e-5).count();
         assert!(far < after.parameters.len() / 100, "{name}, step {step}: {far}");
@@ -818,8 +820,8 @@ fn weight_decay_shrinks_the_colour_branch_alone() {
 fn resuming_gives_the_bits_of_not_stopping() {
     let (_, model) = &models()[1];
     let batches: Vec<_> = (0..6).map(|seed| batch_of(60, seed)).collect();
-    // Tables are rounded to int8 never (6), before the checkpoint (1) or after it (4). Hashed levels are updated at
-    // every step (1), or at every third or fourth.
+    // First number: index of the first step with tables rounded to int8. Step 1 is before the checkpoint, step 4 is
+    // after it, and step 6 is after the run. Second number: `hashed_every`.
     for (rounded_from, hashed_every) in [(6, 1), (1, 1), (4, 1), (6, 4), (4, 3)] {
         let adam = Adam { hashed_every, ..Adam::default() };
         let mut whole = engine(model, adam, 1);
@@ -847,7 +849,7 @@ fn resuming_gives_the_bits_of_not_stopping() {
     }
 }
 
-/// Checks that the next step reads the values of an exported blob, in f16.
+/// Checks that the f16 tables which the next step reads have the values of tables exported as int8.
 #[test]
 fn rounded_tables_are_those_of_a_blob() {
     for (name, model) in models() {

@@ -103,7 +103,7 @@ fn branch(m: &Model, p: &[f64], h: &[f64], dir: &[f32; 3]) -> Vec<f64> {
     h.into_iter().map(|raw| 1.0 / (1.0 + (-raw).exp())).collect()
 }
 
-/// Returns `Σ_i weight_i x_i`; the first number of each pair in `weights` is the weight.
+/// Returns `Σ_i weight_i values_i`; the first number of each pair in `weights` is the weight.
 fn sum(weights: &[(f64, f64)], values: &[Vec<f64>]) -> Vec<f64> {
     let mut sum = vec![0.0; values[0].len()];
     for ((weight, _), values) in weights.iter().zip(values) {
