@@ -117,14 +117,14 @@ impl FieldConfig {
         let (finest, most) = (u32::from(grid.finest), longest(size));
         // Cells finer than a pixel are not constrained by the photograph: they would be noise between the pixels.
         let pixels = format!("at most the picture's {most} pixels along its longest side");
-        rule("network.grid.finest", finest <= most, pixels, finest)?;
-        check_table_values(&grid.picture_encoding(size), "the picture")
+        rule("grid.finest", finest <= most, pixels, finest)?;
+        check_table_values(&grid.picture_encoding(size), "the picture").map_err(ConfigError::of_picture)
     }
 
     pub fn check(&self) -> Result<(), ConfigError> {
         at_most("levels", MAX_LEVELS, self.levels)?;
         if let Some(grid) = &self.grid {
-            check_table(grid)?;
+            check_table(grid).map_err(ConfigError::of_picture)?;
             rule("levels", self.levels == 0, "0 beside a grid, which takes their place", self.levels)?;
         }
         within("layers", 1..=MAX_TRUNK, self.layers)?;

@@ -12,9 +12,8 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// Size limit of a scene file, bytes. Files without grid tables stay far below; the largest possible tables in f16
-/// (2^27 values) would exceed it.
-pub const MAX_BLOB_BYTES: u64 = 256 << 20;
+/// Size limit of a scene file, bytes: twice the largest possible grid tables, 2^27 values in f16.
+pub const MAX_BLOB_BYTES: u64 = 512 << 20;
 /// Size limit of a JSON file, bytes: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
 pub const MAX_TOML_BYTES: u64 = 1 << 20;

@@ -366,9 +366,11 @@ impl<'f, 'w> Merge<'f, 'w> {
                         end = end.min(part.to);
                         // `whole`: `counts_at` and end of the segment's only bin with density. `None` if the bin begins
                         // before the segment, or if several bins have density.
-                        let alone = sigma == 0.0 && part.from == ray.at;
-                        whole = alone.then_some((part.counts_at, part.to));
-                        sigma += part.sigma;
+                        if part.sigma != 0.0 {
+                            let alone = sigma == 0.0 && part.from == ray.at;
+                            whole = alone.then_some((part.counts_at, part.to));
+                            sigma += part.sigma;
+                        }
                     }
                 }
             }

@@ -132,6 +132,23 @@ fn differences(a: &[Pixel], b: &[Pixel]) -> [f32; 3] {
     worst
 }
 
+/// A segment's distance is that of its only bin with density, whether a bin without density is merged before or after.
+#[test]
+fn a_field_without_density_does_not_move_distances_whatever_its_place_in_the_list() {
+    let (dense, empty) = (fog(2.0, [0.5, 0.0, -0.5]), fog(0.0, [0.0; 3]));
+    for kernel in kernels() {
+        let of = |fields: [&[u8]; 2]| {
+            seen(&fields.map(|file| (file, placed(0.0, 1.0, [0.0; 3]))), kernel, &camera(SIZE, SIZE))
+        };
+        let (last, first) = (of([&dense, &empty]), of([&empty, &dense]));
+        assert!(last.pixels.iter().any(|pixel| pixel.opacity > 0.1), "{kernel:?}");
+        for (last, first) in last.pixels.iter().zip(&first.pixels) {
+            assert_eq!(last.ray_distance.to_bits(), first.ray_distance.to_bits(), "{kernel:?}");
+            assert_eq!(last.z_depth.to_bits(), first.z_depth.to_bits(), "{kernel:?}");
+        }
+    }
+}
+
 #[test]
 fn one_field_where_it_was_is_that_field() {
     for sampling in samplings() {

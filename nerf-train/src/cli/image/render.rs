@@ -1,6 +1,7 @@
 use crate::cli::common::{Global, open_blob, read_file};
 use crate::cli::options::quality::parse_math;
 use crate::cli::places;
+use crate::data::pictures::photograph::MAX_SIDE;
 use crate::measure::frame::{PictureSummary, render_picture};
 use crate::system::memory;
 use crate::system::output::claims::Claims;
@@ -28,10 +29,10 @@ pub struct Render {
     #[arg(long, short, value_name = "FILE")]
     output: PathBuf,
     /// Width, pixels [default: the trained image's, or in proportion to --height].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SIDE)))]
     width: Option<u32>,
     /// Height, pixels [default: the trained image's, or in proportion to --width].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_535))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SIDE)))]
     height: Option<u32>,
     /// Implementation of exp, sin and other functions: polynomial, libm, micromath, recurrence.
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
@@ -51,6 +52,10 @@ impl Render {
             bail!("{}: expected a 2D field, found a scene: render it with `render`", self.file.display());
         };
         let size = self.size(facts);
+        if size[0].max(size[1]) > MAX_SIDE {
+            let flag = if self.width.is_some() { "--width" } else { "--height" };
+            bail!("{flag}: expected at most {MAX_SIDE} pixels a side, found {}x{}", size[0], size[1]);
+        }
         let [width, height] = size.map(u64::from);
         let what = format!("{}: a picture of {width}x{height} pixels", self.file.display());
         memory::check(what, width * height, BYTES_PER_PIXEL, "choose a smaller --width")?;

@@ -18,7 +18,7 @@ pub struct SetOption {
 
 /// Parses `optimiser.beta2=0.9` to a table; a value that is not valid TOML is taken as a string.
 fn parse_set(text: &str) -> Result<toml::Table, String> {
-    let (path, value) = text.split_once('=').ok_or("expected PATH=VALUE, such as network.depth=2")?;
+    let (path, value) = text.split_once('=').ok_or("expected PATH=VALUE, such as optimiser.rate=0.01")?;
     let table = |value: &str| format!("{path} = {value}").parse::<toml::Table>();
     table(value).or_else(|_| table(&format!("{value:?}"))).map_err(|error| error.message().to_owned())
 }

@@ -255,16 +255,12 @@ fn no_level_is_finer_than_the_picture() {
     let mut finer = FieldPreset::Grid.config().for_picture([100, 37]);
     finer.grid.as_mut().unwrap().finest = 101;
     let error = FieldTrainer::new(&test_photo(100, 37), finer, Kernel::IN_PLACE).err().unwrap().to_string();
-    let expected =
-        "network.grid.finest: expected at most the picture's 100 pixels along its longest side, found 101";
+    let expected = "grid.finest: expected at most the picture's 100 pixels along its longest side, found 101";
     assert_eq!(error, expected);
     let mut many = FieldPreset::Grid.config().for_picture([30_000, 30_000]);
     (many.grid.as_mut().unwrap().log2_entries, many.grid.as_mut().unwrap().levels) = (24, 8);
     let error = many.check_for([30_000, 30_000]).err().unwrap().to_string();
-    assert!(
-        error.starts_with("network.grid.log2_entries: expected tables of at most 67108864 values"),
-        "{error}"
-    );
+    assert!(error.starts_with("grid.log2_entries: expected tables of at most 67108864 values"), "{error}");
 }
 
 #[test]

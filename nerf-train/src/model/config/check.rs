@@ -26,6 +26,14 @@ pub struct ConfigError {
     pub found: String,
 }
 
+impl ConfigError {
+    /// Returns the error with the name that a setting of the grid has in a 2D field's settings: `grid.levels` for
+    /// `network.grid.levels`.
+    pub(crate) fn of_picture(self) -> Self {
+        Self { field: self.field.trim_start_matches("network."), ..self }
+    }
+}
+
 pub(super) fn check(config: &Config) -> Result<(), ConfigError> {
     let (n, s, g) = (&config.network, &config.sampling, &config.occupancy);
     check_network(n)?;

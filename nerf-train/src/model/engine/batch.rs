@@ -191,7 +191,7 @@ impl Batch {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BatchError {
-    #[error("{field}: the rays claim {expected} samples, found {found}")]
+    #[error("{field}: expected {expected} values by the batch's rays, found {found}")]
     Length { field: &'static str, expected: u64, found: usize },
     #[error("{field}[{index}] is not finite, or a negative length")]
     NonFinite { field: &'static str, index: usize },
