@@ -91,7 +91,7 @@ reasons! {
          RGBA, whose values are premultiplied";
     ScenePlane(name: &'static str) => Target, "{name}: expected NULL for a picture, which has colour alone";
     NoFront => NoFront,
-        "scene: expected a front of accuracy against work (nerf-train study) that this build can render, with a \
+        "scene: expected a Pareto front of accuracy against work (nerf-train study) that this build can render, with a \
          time where time is asked for, found none";
     NoView => Camera,
         "eye, target, up: expected finite numbers, an eye apart from the target and an up that is not along the \

@@ -110,7 +110,7 @@ texts! {
     Cancelled: c"cancelled by the progress callback";
     Panic: c"a defect of this library; the scene is unharmed";
     NotAPicture: c"the blob is a scene, not a 2D field: nerf_render renders it";
-    NoFront: c"the scene has no front of accuracy against work";
+    NoFront: c"the scene has no Pareto front of accuracy against work";
     File: c"the file cannot be read";
     OutOfMemory: c"out of memory";
     Ray: c"a ray has no unit direction, no finite origin, no range or no random number";

@@ -11,6 +11,7 @@ use crate::measure::eval::{OCCUPANCY_LOSS_DB, Scores, ViewScore, measure};
 use crate::measure::frame::Frame;
 use crate::measure::metrics::{flat_psnr_db, gain_db, is_flat, mean_flat_psnr_db};
 use crate::measure::surfaces::Surfaces;
+use crate::model::config::Config;
 use crate::train::candidate::{About, Candidate};
 use crate::train::exposure::ExposureFound;
 use crate::train::moving::Moved;
@@ -93,15 +94,17 @@ pub struct Shown {
     pub psnr_db: f64,
 }
 
-pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], samples: u16) -> String {
+pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], config: &Config) -> String {
     let [r, g, b] = background.map(|c| (c * 255.0).round());
     let pixels = match lattice {
         1 => String::new(),
         step => format!("one pixel of {step}x{step}, "),
     };
-    format!(
-        "mean over {views} validation views, {pixels}background sRGB ({r}, {g}, {b}), {samples} samples a ray"
-    )
+    let sampling = match config.network.grid {
+        Some(_) => format!("{} march steps across the scene", config.sampling.steps_across),
+        None => format!("{} samples a ray", config.sampling.samples),
+    };
+    format!("mean over {views} validation views, {pixels}background sRGB ({r}, {g}, {b}), {sampling}")
 }
 
 /// Exports the state after the last step, and measures the exported blob.
@@ -130,8 +133,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     let flats: Vec<f64> = judged.iter().map(flat_of).collect();
     let judged_db = judged_scores.views.iter().map(|score| score.psnr_db);
     let flat = is_flat(judged_db.zip(flats.iter().copied()));
-    let samples = session.trainer.config.sampling.samples;
-    let convention = convention(all.len(), lattice, background, samples);
+    let convention = convention(all.len(), lattice, background, &session.trainer.config);
     let about = About { occupancy_required, psnr_db, convention: &convention, quantisation_loss_db };
     let exported = candidate.export(&session.trainer, &about)?;
     let missed = |options: &SnapshotOptions| options.missed(&session.trainer.state.snapshots);

@@ -277,7 +277,7 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
         loss_db: 0.0,
         cost: (MAX_FRONT - i) as f32,
     };
-    let convention = convention(dataset.val.len(), u32::MAX, [1.0; 3], MAX_SAMPLES);
+    let convention = convention(dataset.val.len(), u32::MAX, [1.0; 3], config);
     let provenance = Provenance {
         psnr_convention: &convention,
         quantisation_loss_db: Some(0.0),

@@ -30,6 +30,6 @@ fn tiles_cover_a_rectangle_once() {
 fn tiles_at_the_end_of_the_numbers_do_not_wrap() {
     let last = u32::MAX - 2;
     let found: Vec<Rect> = Rect { x: last, y: last, width: 10, height: 1 }.tiles(2, 2).collect();
-    // Columns from `u32::MAX` on are cut off.
+    // Columns from the largest u32 on are cut off.
     assert_eq!(found, [Rect { x: last, y: last, width: 2, height: 1 }]);
 }
