@@ -50,9 +50,9 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether a view may refer to the elements of an argument of type C &&. True for an lvalue and for a view; a view is
-/// recognised by elements that stay mutable if the view is const. False for a temporary container, whose elements would
-/// be freed.
+/// Whether a view may refer to the elements of a function's argument, whose type was deduced as C &&. True for an
+/// lvalue and for a temporary view. False for a temporary container, which would free its elements. C counts as a view
+/// if const C has elements of the same type as C: a container's elements become const with the container.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -287,8 +287,9 @@ struct moved {
     }
 };
 
-/// Deleter of a std::unique_ptr: calls `end`. By default `end` does nothing: lent memory is not freed. A program that
-/// only lends memory therefore links no heap.
+/// Deleter of a std::unique_ptr: calls the function pointer `end`, which by default does nothing, since lent memory is
+/// not freed. Only allocated memory has an `end` that frees: a program that only lends memory does not link the heap's
+/// functions.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -399,7 +400,7 @@ template <class N>
 float to_float(N number) noexcept { return static_cast<float>(number); }
 
 /// Converts a host's vector by its fields x, y, z. A vector without these fields is converted by the overload below, by
-/// its elements 0, 1, 2. Callers pass 0 as second argument, for which int is the better match.
+/// its elements 0, 1, 2. The second parameter only ranks the two overloads: callers pass 0, which prefers int to long.
 template <class V>
 auto to_vec3(const V &of, int) noexcept -> decltype(of.x + of.z, vec3()) {
     return {to_float(of.x), to_float(of.y), to_float(of.z)};
@@ -476,8 +477,10 @@ struct camera : detail::sized<nerf_camera> {
         return *this;
     }
 
-    /// Places the camera on a sphere around `target`, looking at `target`. `azimuth`: angle around `up`, radians.
-    /// `elevation`: angle above the plane normal to `up`, radians. `up`: any direction of unit length.
+    /// Places the camera on a sphere around `target`, looking at `target`. `azimuth`: angle around `up`, radians,
+    /// counterclockwise if seen from the tip of `up`. An azimuth of 0 is +x if `up` is +z, else the first vector of
+    /// detail::across(up). `elevation`: angle above the plane normal to `up`, radians. `up`: any direction of unit
+    /// length.
     camera &orbit(vec3 target, float radius, float azimuth, float elevation,
                   vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto [side, ahead] = detail::across(up);
@@ -538,8 +541,9 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// A plane that receives one output or contains limits. The plane is a view, with a length, of all pixels of the
-/// target's window. An output without a plane is not computed.
+/// A plane that receives one output or contains the limits of rays. The plane refers to the caller's memory for all
+/// pixels of target::window, and knows the memory's length, which is checked. An output without a plane is not
+/// computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -675,7 +679,8 @@ struct open_options : detail::sized<nerf_open_options> {
     }
 };
 
-/// Options of a frame. Default-constructed options are the defaults: cuts without a visible difference.
+/// Options of a frame. Default-constructed options are the defaults: empty cells are skipped, a ray ends once it is
+/// nearly opaque, and colours of low weight are not evaluated. The image has no visible difference from the exact one.
 struct options : detail::sized<nerf_render_options> {
     /// Makes options without transmittance cut, colour cut and normal blur.
     static options uncut() noexcept {
@@ -789,7 +794,8 @@ public:
         const float flat = std::hypot(dot(eye(), ahead), dot(eye(), side));
         return has_viewpoint() ? std::atan2(dot(eye(), up()), flat) : 0.4f;
     }
-    /// Makes a camera at the start of the default orbit; `fov`: field of view from bottom to top, radians.
+    /// Makes a camera at the default viewpoint of the scene file, on the default orbit. Without a viewpoint, the camera
+    /// is on the orbit at azimuth 0.6 and elevation 0.4. `fov`: field of view from bottom to top, radians.
     camera start_camera(std::uint32_t width, std::uint32_t height, float fov) const noexcept {
         auto start = camera::from_vertical_fov(width, height, fov);
         return start.orbit(centre(), orbit_radius(), start_azimuth(), start_elevation(), up());
@@ -932,7 +938,7 @@ public:
     /// Renders a camera's image, or the rectangle `part` of the image.
     ///
     /// `progress`: called before the first tile and after each tile, with the arguments (pixels done, all pixels) or
-    /// none. Returns a bool, whether to continue, or void. Must not throw.
+    /// none. `progress` returns void, or a bool: whether to continue. `progress` must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -994,8 +1000,9 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Writes a report of a frame to `text`, cut to fit. `work`: counters of the frame, or null. Returns the length of
-    /// the uncut report with its NUL, bytes.
+    /// Writes an English report of this worker's frames to `text`, cut to fit: which stages run, and why the others do
+    /// not. `work`: counters of a frame, whose cost is then reported by stage; or null. Returns the length of the uncut
+    /// report with its NUL, bytes.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }

@@ -1,7 +1,7 @@
-//! Methods of types that have no values in a build without their feature.
+//! Methods of types that are uninhabited (enums without variants) in a build without their feature.
 
-/// Declares methods of a type without values, from their signatures alone. They are never called, since no `self`
-/// exists.
+/// Declares the methods of an uninhabited type (an enum without variants) from signatures alone. The methods are never
+/// called, since no `self` exists.
 macro_rules! absent {
     ($($(#[$about:meta])* $visibility:vis fn $name:ident $(<$V:ident: $Bound:ident>)?(&self $(, $argument:ty)*) -> $result:ty;)+) => {$(
         $(#[$about])*

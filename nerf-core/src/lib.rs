@@ -15,10 +15,10 @@
 //! Camera, ray, samples, encoding, trunk, density, weights, colour, pixel. Samples of low weight get no colour.
 //! `docs/architecture.md` draws the pipeline.
 //!
-//! Modules are listed in the order of the data flow, and each uses only modules above it. [`memory`], `simd`, `math`
-//! and `matrix` are the basis; [`camera`] makes rays, `sampling` places samples on rays, [`encoding`] and [`network`]
-//! evaluate samples, [`volume`] composites. [`blob`] is the file, [`plan`] decides which parts of the file a frame
-//! needs, and [`render`] executes the plan.
+//! The modules follow the data flow, and each uses only modules before it in this list. [`memory`], `simd`, `math` and
+//! `matrix` are the basis. [`camera`] makes rays, [`space`] bounds the scene, `sampling` places samples on rays,
+//! [`encoding`] and [`network`] evaluate samples, [`volume`] composites. [`blob`] is the file, [`plan`] decides which
+//! parts of the file a frame needs, [`render`] executes the plan, and [`host`] adds files and threads.
 //!
 //! # Conventions
 //!
@@ -37,7 +37,10 @@
 //! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | a weight is `transmittance · alpha`; the opacity is the sum of the weights, `<= 1` |
-//! | samples | only on the part of a ray inside the scene box, for any camera position. Scenes with a step: at equal steps. Scenes with bins: one in each of n equal bins from near to far; bins of this width continue in front of near and behind far to the ends of the box. Unbounded scenes: from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
+//! | samples | only on the part of a ray inside the scene box, for any camera position |
+//! | samples, scene with a step | at equal steps, from the point where the ray enters the box |
+//! | samples, scene with n bins | one in each bin; bins have the width (far − near) / n, one begins at near, and together they cover all of the ray inside the box |
+//! | samples, unbounded scene | from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
 //! | `far` | distance of pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far, or the camera's distance from the farthest corner of the box if larger. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length: in a march, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |

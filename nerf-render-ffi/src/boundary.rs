@@ -58,8 +58,8 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Returns the address range of the buffer's first byte; an empty range if there is no buffer. Every call writes
-    /// this byte.
+    /// Returns the address range of the buffer's first byte, to check that it overlaps no other argument: each C
+    /// function writes this byte, also on success. An empty range if there is no buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
@@ -223,7 +223,8 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Returns `names[found]`: the value of `nerf-core` for number `found` of a C enum. An error if there is no such value.
+/// Converts number `found` of a C enum to the value in `nerf-core`, `names[found]`. If there is none, returns an error:
+/// argument `name` should be `expected`, such as "a nerf_kernel".
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -234,7 +235,7 @@ pub(crate) fn named<T: Copy>(
     known.ok_or(Failure::Setting { name, expected, found })
 }
 
-/// Returns the number of `value` in a C enum: its index in `names`.
+/// Converts a value in `nerf-core` to its number in a C enum: the index of `value` in `names`, or 0 if it is not there.
 pub(crate) fn number_of<T: PartialEq>(names: &[Option<T>], value: T) -> u32 {
     names.iter().position(|named| named.as_ref() == Some(&value)).unwrap_or_default() as u32
 }
@@ -279,8 +280,8 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a call that computes the size of a block of memory. Writes the result of `body` to `size` and the alignment of
-/// a [`Line`] to `align`, bytes.
+/// Runs a call that computes the size of a block of memory. `body` computes the size. Writes the size to `size`, and
+/// the alignment of a [`Line`] to `align`, bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

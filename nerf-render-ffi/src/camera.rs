@@ -102,9 +102,9 @@ pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec
 
 /// Places a camera at `eye`, looking at `target`; the direction `up` points upwards in the image.
 ///
-/// `camera`: the caller sets `struct_size`; on success only `c2w` is changed. `eye`, `target`, `up`: three floats each,
-/// world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
-/// `message`: NULL, or a buffer for an error message.
+/// `camera`: the caller sets `struct_size`; the other fields may have any values. The call writes only `c2w`, and on an
+/// error nothing. `eye`, `target`, `up`: three floats each, world units; `up` of any length. `NERF_STATUS_CAMERA` if
+/// `eye` equals `target`, or `up` points along the view. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -136,8 +136,9 @@ pub unsafe extern "C" fn nerf_camera_look_at(
 /// outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or if the lens distortion cannot be inverted
 /// at the point: it has no inverse there, or the distorted image folds over itself between principal point and image
 /// point. `origin`, `dir`: three floats each, world space; `dir` has unit length and takes account of the distortion.
-/// `z_per_distance`: NULL, or receives the ratio of `z_depth` to `ray_distance` on this ray. Results are written on
-/// success only. `message`: NULL, or a buffer for an error message.
+/// `z_per_distance`: NULL, or receives the cosine between ray and view axis: times a distance along the ray, it gives
+/// the distance along the view axis. Results are written on success only. `message`: NULL, or a buffer for an error
+/// message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

@@ -22,14 +22,16 @@ pub struct Counters {
     /// Number of evaluations of the colour branch: one per sample that gets a colour, or, with deferred shading, one
     /// per ray. For a 2D field: number of evaluations of the whole network.
     pub colour_evaluations: u64,
-    /// Number of multiply-adds of the network and of the proposal network.
+    /// Number of multiply-adds in the layers of network and proposal network. Density gradients for normals are
+    /// included, reads of the learned grid's tables are not.
     pub macs: u64,
     /// Number of invalid results of the networks: NaN densities (rendered as empty), NaN colours (rendered as black),
     /// and density gradients that are not finite (left out of normals).
     pub invalid_samples: u64,
     /// Number of evaluations of the gradient of the density with respect to position, for normals.
     pub normal_evaluations: u64,
-    /// Number of evaluations of the coarse proposal network; not counted as samples.
+    /// Number of evaluations of the proposal network, which finds where to place samples; not included in
+    /// `samples_kept`.
     pub proposal_evaluations: u64,
 }
 

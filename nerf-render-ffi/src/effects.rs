@@ -30,8 +30,8 @@ pub struct Effects {
     pub jitter: u32,
     /// Rays per pixel, at most 256; 0 and 1 are one ray through the pixel's centre. More rays take more memory.
     pub anti_aliasing: u32,
-    /// Seed of the random numbers for `jitter` and for points on the aperture. If `jitter` is 0, the aperture's points
-    /// are drawn from seed 0 instead.
+    /// Seed of the random positions of samples, and of random points on the aperture; read only if `jitter` is 1. If
+    /// `jitter` is 0, the points on the aperture are drawn from seed 0, so that every frame has the same points.
     pub seed: u64,
     /// Radius of the aperture of a thin lens, world units, at most 1e9; 0 is a pinhole.
     pub aperture_radius: f32,

@@ -20,7 +20,8 @@ use nerf_core::render;
 /// `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// `worker` or its scenes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_explain(
     worker: *mut Worker,

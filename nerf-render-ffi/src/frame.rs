@@ -84,7 +84,8 @@ versioned!(unsafe Frame, "frame", by_width(32, 56));
 /// `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// `worker` or its scenes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_render(
     worker: *mut Worker,
@@ -134,7 +135,8 @@ pub unsafe extern "C" fn nerf_render(
 /// may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `worker` and its scene are intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// `worker` or its scene.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_render_picture(
     worker: *mut Worker,

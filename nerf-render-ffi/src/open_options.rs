@@ -11,8 +11,8 @@ use nerf_core::Isa;
 #[repr(u32)]
 pub enum Kernel {
     /// The fastest instruction set of this machine. In a library built with std, the environment variable `NERF_KERNEL`
-    /// can name another: "portable", "avx2", "avx512", "simd128" or "neon". The suffix "-f16" or "-bf16" selects
-    /// weights that are not f32.
+    /// can name another: "portable", "avx2", "avx512", "simd128" or "neon". With `NERF_STORAGE_AUTO`, the variable also
+    /// selects the storage of the weights: f16 or bf16 if "-f16" or "-bf16" follows the name, else f32.
     Auto = 0,
     /// Portable f32 code without fused multiply-adds; available on every machine.
     Portable = 1,
@@ -35,8 +35,7 @@ const ISAS: [Option<Isa>; 6] =
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Storage {
-    /// The library chooses f32. A build without vector instructions, such as for microcontrollers, chooses f16 and
-    /// reads the weights directly from the scene file's bytes.
+    /// f32; but f16 in a library built without vector instructions, such as for microcontrollers.
     Auto = 0,
     /// f16, read directly from the scene file's bytes: the weights take no memory besides these bytes.
     F16 = 1,

@@ -63,7 +63,8 @@ versioned!(unsafe PaceRequest, "request", by_width(32, 56));
 /// `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; the scene is intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// the scene or its file's bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_pace_workspace_size(
     request: *const PaceRequest,
@@ -94,7 +95,8 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 /// scene has no Pareto front. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; the scene is intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// the scene or its file's bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_pace_measure(
     request: *const PaceRequest,

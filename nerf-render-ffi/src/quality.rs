@@ -93,7 +93,8 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
 /// message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `scene` is intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// `scene` or its file's bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_within_loss(
     scene: *const Scene,
@@ -117,7 +118,8 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what `nerf_quality_within_loss` describes; `scene` is intact.
+/// Pointers are NULL or point to what `nerf_quality_within_loss` describes. The caller has not freed, moved or
+/// overwritten the memory of `scene` or its file's bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_within_cost(
     scene: *const Scene,
@@ -142,7 +144,8 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what `nerf_quality_within_loss` describes, `pace` to a `nerf_pace`; `scene` is intact.
+/// Pointers are NULL or point to what `nerf_quality_within_loss` describes, `pace` to a `nerf_pace`. The caller has not
+/// freed, moved or overwritten the memory of `scene` or its file's bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_within_time(
     scene: *const Scene,
@@ -170,7 +173,8 @@ pub unsafe extern "C" fn nerf_quality_within_time(
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
-/// Pointers are NULL or point to what `nerf_quality_within_loss` describes; `scene` is intact.
+/// Pointers are NULL or point to what `nerf_quality_within_loss` describes. The caller has not freed, moved or
+/// overwritten the memory of `scene` or its file's bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_point(
     scene: *const Scene,
@@ -197,14 +201,17 @@ pub unsafe extern "C" fn nerf_quality_point(
 /// Writes to `options` the cheapest settings that lose no more PSNR than `preset`, a `nerf_preset`, allows.
 ///
 /// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
-/// Pareto front gets fixed settings, with an unknown loss: `NERF_PRESET_EXACT` is the exact rendering, and
-/// `NERF_PRESET_HIGH` the default options. BALANCED, FAST and PREVIEW have transmittance cuts of 0.03, 0.1 and 0.1, and
-/// colour cuts of 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. In a study of another
-/// scene, these three presets lost 0.05, 0.2 and 0.9 dB. `options`: the caller sets `struct_size`; only the quality
-/// settings are replaced. `message`: NULL, or a buffer for an error message.
+/// Pareto front gets fixed settings. `NERF_PRESET_EXACT` is then the exact rendering, and `NERF_PRESET_HIGH` the
+/// default options. BALANCED, FAST and PREVIEW then have transmittance cuts of 0.03, 0.1 and 0.1, and colour cuts of
+/// 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. On one test scene, these three lost
+/// 0.05, 0.2 and 0.9 dB; on yours, the loss is unknown.
+///
+/// `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
+/// an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `scene` is intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// `scene` or its file's bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_quality_preset(
     scene: *const Scene,

@@ -42,13 +42,14 @@ versioned!(unsafe Points, "points", by_width(64, 112));
 
 /// Evaluates density and colour at points seen along directions.
 ///
-/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only its options for occupancy grid, maths and tone
-/// affect the results. `sigma` and `rgb` must not overlap other memory of the call. If a direction is not of unit
-/// length, the call returns `NERF_STATUS_DIRECTION` and writes no results. `counters`: NULL, or receives counts of the
-/// work on success. `message`: NULL, or a buffer for an error message.
+/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted. Of its options, only `ignore_occupancy` and `maths`
+/// affect the results, and `effects.linear` the colour. `sigma` and `rgb` must not overlap other memory of the call. If
+/// a direction is not of unit length, the call returns `NERF_STATUS_DIRECTION` and writes no results. `counters`: NULL,
+/// or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// `worker` or its scenes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_query(
     worker: *mut Worker,

@@ -82,10 +82,10 @@ pub struct Rays {
     /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Directions are not normalised
     /// again: a ray's distances are in units of its direction's length.
     pub dirs: Floats,
-    /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. If `step` of
-    /// `nerf_scene_info` is 0, `t_min` moves no sample, but cuts the sample interval that contains `t_min`. Otherwise
-    /// the first sample interval begins at `t_min` or where the ray enters the scene box, whichever is farther: another
-    /// `t_min` can move all samples.
+    /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene with a fixed
+    /// step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample interval
+    /// begins at `t_min` or where the ray enters the box, whichever is farther: another `t_min` can move all samples.
+    /// In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
     pub t_min: Floats,
     /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
     /// end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
@@ -105,10 +105,11 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
-/// A ray may begin outside, inside or behind the scene. If a ray meets no surface, its distances are the smaller of
-/// two: `t_max`, and a distance from the ray's origin beyond which no visible point of the scene lies. Without jitter,
-/// the rays of a camera's pixels give the camera's image, bit for bit. For shadow rays, render opacity alone, which is
-/// less work. Other planes do not change the opacity.
+/// A ray may begin outside, inside or behind the scene. If a ray's opacity is at most 1e-4, it meets no surface, and
+/// its distances are the smallest of three: `t_max`, `far_distance` of the options unless that is 0, and a bound,
+/// computed from the scene's extent, on the distance from the ray's origin to any visible point. Without jitter, the
+/// rays of a camera's pixels give the camera's image, bit for bit. For shadow rays, render opacity alone, which is less
+/// work. Other planes do not change the opacity.
 ///
 /// All rays are checked before the first result is written. `NERF_STATUS_RAY` if `random` is not NULL, or if a ray has
 /// an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0 or
@@ -117,7 +118,8 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 /// error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// `worker` or its scenes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_render_rays(
     worker: *mut Worker,
@@ -146,7 +148,8 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// collision's sample alone.
 ///
 /// # Safety
-/// Pointers are NULL or point to what `nerf_render_rays` describes; `worker` and its scenes are intact.
+/// Pointers are NULL or point to what `nerf_render_rays` describes. The caller has not freed, moved or overwritten the
+/// memory of `worker` or its scenes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_sample_rays(
     worker: *mut Worker,

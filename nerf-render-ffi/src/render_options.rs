@@ -52,18 +52,21 @@ const MATHS: [Option<MathBackend>; 4] = [
 
 /// Options of a frame: quality settings, batch sizes, distances and effects.
 ///
-/// NULL in place of options, or zeros in all fields except `struct_size`, selects the defaults: cuts without a visible
-/// difference. The exact rendering evaluates every sample in the scene box: `transmittance_cut` and `colour_cut` are
-/// `NERF_NONE`, and `ignore_occupancy` is 1 unless the scene requires its occupancy grid.
+/// NULL in place of options, or zeros in all fields except `struct_size`, selects the defaults: empty cells are
+/// skipped, a ray ends once it is nearly opaque, and colours of low weight are not evaluated. The image has no visible
+/// difference from the exact rendering. The exact rendering evaluates every sample in the scene box:
+/// `transmittance_cut` and `colour_cut` are `NERF_NONE`, and `ignore_occupancy` is 1 unless the scene requires its
+/// occupancy grid.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct RenderOptions {
     /// `sizeof(nerf_render_options)`.
     pub struct_size: usize,
-    /// Number of samples per ray, at most 4096; 0 for the scene's own number. If `step` of `nerf_scene_info` is 0, this
-    /// number of samples lies between near and far; otherwise, along the diagonal of the scene box. With a proposal
-    /// network, this number of samples is drawn from the proposal's distribution; evaluations of the proposal network
-    /// are not counted.
+    /// Number of samples per ray, at most 4096; 0 for the scene's own number. If samples lie in equal bins (`step` of
+    /// `nerf_scene_info` is 0), this is the number of bins between near and far. If samples have a fixed step, this is
+    /// the number of steps along the diagonal of the scene box; in an unbounded scene, along the ray that
+    /// `nerf_scene_info` describes at its `samples`. With a proposal network, this is the number of samples that the
+    /// network places; the evaluations of the proposal network come on top.
     pub samples: u32,
     /// Transmittance threshold, less than 1: once a ray's transmittance is below the threshold, the ray ends, and its
     /// opacity becomes 1. 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
@@ -86,11 +89,11 @@ pub struct RenderOptions {
     /// threshold. Only then is a colour evaluated: the last sample's, with the whole sum as its weight. 0 for
     /// `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
     pub colour_cut: f32,
-    /// Width of a Gaussian blur, in sample intervals; the standard deviation is width / sqrt(12). Normals are computed
-    /// from the gradient of the blurred density. 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are
-    /// then mostly noise.
+    /// Width of the blur of the density, in sample intervals: normals are computed from the gradient of the blurred
+    /// density. The blur is a Gaussian with the standard deviation of a box of this width, width / sqrt(12). 0 for
+    /// `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are then mostly noise.
     pub normal_blur: f32,
-    /// 1: samples are uniform even if the scene has a proposal network. 0: the proposal network, if any, places
+    /// 1: samples are equally spaced even if the scene has a proposal network. 0: the proposal network, if any, places
     /// samples.
     pub ignore_proposal: u32,
     /// Distance along a ray at which visibility begins, world units, at least 0.

@@ -35,7 +35,8 @@ impl Scene {
     /// Returns the scene that a handle points to.
     ///
     /// # Safety
-    /// `scene` is NULL or a handle whose memory and file bytes are intact during `'a`.
+    /// `scene` is NULL or the handle of an opened scene. Nobody frees, moves or overwrites its memory or its file's
+    /// bytes during `'a`.
     pub(crate) unsafe fn of<'a>(scene: *const Self) -> Result<&'a Self, Failure> {
         if scene.is_null() {
             return Err(Failure::Null("scene"));

@@ -156,7 +156,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
 /// Only in a library built with `std`.
 ///
 /// # Safety
-/// `scene` is NULL or an intact handle that no thread uses now or later.
+/// `scene` is NULL or the handle of an opened scene that was not closed before, and that no thread uses now or later.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     call(Message::NONE, || {

@@ -71,9 +71,10 @@ pub struct SceneInfo {
     pub near_distance: f32,
     /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
-    /// The scene's own number of samples per ray. If `step` is 0, this number of samples lies between near and far;
-    /// otherwise, along the diagonal of the scene box. In an unbounded scene, it lies on a ray through the centre of
-    /// the ball of radius `contraction_radius`, from where the ray enters the ball to `far_distance` behind the centre.
+    /// The scene's own number of samples per ray. If `step` is 0: number of samples between near and far, in equal bins
+    /// or placed by a proposal network. Otherwise: number of steps along the diagonal of the scene box. In an unbounded
+    /// scene: number of steps along a ray through the centre of the ball of radius `contraction_radius`. These steps
+    /// begin where the ray enters the ball, and end at distance `far_distance` beyond the centre.
     pub samples: u32,
     /// Background colour, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -93,10 +94,10 @@ pub struct SceneInfo {
     pub colour_layers: u32,
     /// Number of units in each hidden layer of the colour branch.
     pub colour_widths: [u32; 4],
-    /// Mean PSNR over the validation views, dB; NaN if there were none.
+    /// Mean PSNR over the validation views, dB; NaN if there were no such views.
     pub psnr_db: f32,
-    /// Loss of PSNR that rounding weights and tables for the file caused, dB, on the validation views; NaN if not
-    /// measured.
+    /// Loss of PSNR, dB, caused by the rounding of weights and tables to the file's formats; measured on validation
+    /// views. NaN if not measured.
     pub quantisation_loss_db: f32,
     /// Number of optimiser steps of the training run.
     pub steps: u32,
@@ -125,16 +126,19 @@ pub struct SceneInfo {
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub proposal_macs: u64,
-    /// Distance between samples on a ray through the scene box, world units; 0 if samples lie in equal bins between
-    /// near and far. In an unbounded scene, the distance grows outside the ball of `contraction_radius`.
+    /// Distance between samples on a ray through the scene box, world units. 0 if samples lie between near and far, in
+    /// equal bins or placed by a proposal network. In an unbounded scene, the distance grows outside the ball of
+    /// `contraction_radius`.
     pub step: f32,
     /// Storage of the learned grid's tables: a `nerf_table_storage`.
     pub table_storage: u32,
     /// Radius of the ball around the centre of an unbounded scene's box, world units; 0 if the scene ends at its box.
     /// All space outside the ball is contracted into the box, a cube whose side is 4 radii.
     pub contraction_radius: f32,
-    /// Exponent that determines how the steps on a ray grow outside the ball of `contraction_radius`: 1 (uniform in
-    /// disparity), 2, or 4 (nearly uniform in the logarithm of the distance); 0 if the scene ends at its box.
+    /// Exponent `p` of the growth of steps outside the ball of `contraction_radius`: 1, 2 or 4; 0 if the scene ends at
+    /// its box. Samples are equally spaced in a position `s` along the ray. The distance from the ray's point nearest
+    /// to the ball's centre is `s` radii up to `s = 1`, and `(1 - (s - 1) / p)^-p` radii beyond. With 1, samples are
+    /// uniform in disparity (1 / distance); with 4, nearly uniform in the logarithm of the distance.
     pub contraction_power: u32,
     /// Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.
     pub storage: u32,
@@ -161,7 +165,8 @@ versioned!(unsafe SceneInfo, "info", by_width(if align_of::<u64>() == 4 { 284 } 
 /// library does not know become zero. The texts point into the scene file's bytes.
 ///
 /// # Safety
-/// `scene` is NULL or a scene whose memory and file bytes are intact; `info` is NULL or points to `struct_size` bytes.
+/// `scene` is NULL or an opened scene; the caller has not freed, moved or overwritten its memory or its file's bytes.
+/// `info` is NULL or points to `struct_size` bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_scene_describe(scene: *const Scene, info: *mut SceneInfo) -> Status {
     call(Message::NONE, || {

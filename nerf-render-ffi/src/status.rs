@@ -12,7 +12,7 @@ pub enum Status {
     NullPointer = 1,
     /// `struct_size` is smaller than in version 2 of the ABI, or above 4096.
     StructSize = 2,
-    /// A reserved field, or a field this library does not know, is not zero.
+    /// A reserved field is not zero; or a field of a newer header, unknown to this library, is not zero.
     Reserved = 3,
     /// A pointer or stride is not a multiple of its alignment.
     Alignment = 4,
@@ -30,7 +30,8 @@ pub enum Status {
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
-    /// The target has no plane, a plane that this call or worker does not accept, or a wrong format or stride.
+    /// The target has no plane at all, or one of its planes has a wrong format or stride, or is not accepted by this
+    /// call, worker or options.
     Target = 12,
     /// The scene file contains a 2D field, not a scene: `nerf_render_picture` renders 2D fields.
     NotAScene = 13,

@@ -30,9 +30,11 @@ pub struct Plane {
 /// The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
 ///
 /// An output plane that is NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
-/// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`). A
-/// pixel without a surface gets the distance `far`, beyond which no visible point of the scene lies. `far` is at most
-/// the pixel's limit along its ray and, unless 0, `far_distance` of the options.
+/// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
+///
+/// A pixel without a surface (opacity 1e-4 or less) gets the distance `far`, the smallest of three: the pixel's limit
+/// along its ray; `far_distance` of the options, unless that is 0; and a bound, computed from the scene's extent, on
+/// the distance from the camera to any visible point.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
@@ -181,8 +183,9 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Turns the background off if the target has an RGBA plane, else on. Returns an error if the effects do not suit
-    /// RGBA.
+    /// Prepares `worker` for this target: if the target has an RGBA plane, the worker composites without background,
+    /// else over the background. Returns an error if the target has an RGBA plane and the worker's options have a tone
+    /// curve, or exposure without linear output.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {

@@ -110,7 +110,8 @@ impl Worker {
 /// If `body` panics, the worker stays busy for good, since its state may be incomplete.
 ///
 /// # Safety
-/// `worker` is NULL or a handle whose memory and scenes are intact; the memory is used through this handle alone.
+/// `worker` is NULL or the handle of an opened worker. The caller has not freed, moved or overwritten the memory of the
+/// worker or its scenes, and uses the worker's memory through this handle alone.
 pub(crate) unsafe fn with_worker(
     worker: *mut Worker,
     body: impl FnOnce(&mut State) -> Result<(), Failure>,
@@ -327,7 +328,8 @@ impl Checked {
 /// `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; scenes are intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// the scenes or their files' bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_worker_size(
     request: *const Request,
@@ -349,7 +351,8 @@ pub unsafe extern "C" fn nerf_worker_size(
 /// nothing to close. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here; scenes are intact.
+/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+/// the scenes or their files' bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_worker_open(
     request: *const Request,

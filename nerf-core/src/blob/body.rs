@@ -140,7 +140,7 @@ pub struct SceneFacts {
     pub far: f32,
     /// Where samples lie on a ray: in equal bins, at equal steps, or at growing steps through unbounded space.
     pub sampling: SceneSampling,
-    /// Background colour, visible where opacity is below 1; display-encoded.
+    /// Background colour (red, green, blue), sRGB-encoded, 0 to 1; visible where opacity is below 1.
     pub background: [f32; 3],
     /// Whether rendering without the occupancy grid is an error. True if the network was not trained in the grid's
     /// empty cells.
@@ -156,7 +156,7 @@ pub struct Viewpoint {
     pub eye: [f32; 3],
     /// Point that the camera looks at, world units; `target - eye` is not parallel to `up`.
     pub target: [f32; 3],
-    /// Upward direction of the photographs; unit length within 1e-3.
+    /// Upward direction in world space, estimated from the training cameras; unit length within 1e-3.
     pub up: [f32; 3],
     /// Angle over which a camera may orbit and still see photographed parts of the scene, 0 to 2π radians. The orbit's
     /// axis is the line through `target` along `up`. Half of the angle lies on each side of `eye`.
@@ -177,8 +177,9 @@ pub enum SceneSampling {
     /// where space is not contracted, and grow outside. Samples begin at `near`. They end at distance `far` past the
     /// point of the ray that is nearest to the ball's middle.
     Contracted {
-        /// Length of a step in the inner ball as a fraction of the ball's radius: above 0 and at most 1. An infinite
-        /// line through the ball's middle must have at most [`MAX_SAMPLES`] steps.
+        /// Length of a step in the inner ball as a fraction of the ball's radius: above 0 and at most 1. Since steps
+        /// grow outside the ball, even an infinite line has finitely many. A line through the ball's middle has
+        /// `2 (1 + power) / step`, which must be at most [`MAX_SAMPLES`].
         step: f32,
         /// The power `p` in [`Contraction::distance`], which sets how steps outside the inner ball grow: 1, 2 or 4.
         power: u8,
@@ -221,7 +222,8 @@ impl SceneFacts {
     }
 
     /// Length of a ray through the middle of the inner ball, from its entry into the ball to distance `far` past the
-    /// middle. The unit is that of `s` in [`Contraction::distance`]. 0 in a bounded scene.
+    /// middle. The length is a difference of positions `s` ([`Contraction::distance`]): radii of the ball inside the
+    /// ball, less than one per radius outside. 0 in a bounded scene.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -281,10 +283,10 @@ pub struct FrontPoint {
     pub math: u8,
     /// Whether the proposal network places the samples; true only in a scene with a proposal network.
     pub proposal: bool,
-    /// PSNR of exact rendering minus PSNR of rendering with these settings, both against ground truth, dB. Negative if
-    /// these settings give the higher PSNR.
+    /// PSNR of the exact rendering ([`Quality::exact`](crate::plan::Quality::exact)) minus PSNR with these settings,
+    /// dB. Each is a mean over the same photographs. Negative if these settings give the higher PSNR.
     pub loss_db: f32,
-    /// Multiply-adds with these settings, divided by the multiply-adds of exact rendering; above 0.
+    /// Multiply-adds with these settings divided by those of the exact rendering, over the same views; above 0.
     pub cost: f32,
 }
 

@@ -122,7 +122,8 @@ fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
         }
 }
 
-/// Checks that the encoding's largest angle inside the box is in the domain of sine and cosine.
+/// Checks that the encoding's largest angle inside the box is at most the largest angle for which this crate's sine and
+/// cosine are accurate: [`SIN_COS_DOMAIN`] with [`AngleScale::One`], any finite angle with [`AngleScale::Pi`].
 fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), BlobError> {
     // The highest level multiplies coordinates by 2^(levels − 1).
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
@@ -167,8 +168,8 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     use super::body::StoredTables;
-    /// Maximum number of values in one byte of coded tables, rounded up. A value is two symbols. A symbol takes at
-    /// least 0.00066 bits, since its probability is at most 1 - 15/2^15.
+    /// Maximum number of values that one byte of coded tables can hold, rounded up. A value is two symbols. A symbol
+    /// takes at least 0.00066 bits, since its probability is at most 1 - 15/2^15.
     const MAX_VALUES_OF_A_BYTE: usize = 6100;
     let (grid, tables) = match (body.architecture.position.grid(), &body.tables) {
         (None, None) => return Ok(()),

@@ -28,7 +28,8 @@ const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
 /// Number of contexts of the entropy coder, one for each pair of class and feature. A context has one probability model
-/// for the upper 4 bits of a value, and one for the lower 4 bits of a small value (-8 to 7).
+/// for the upper 4 bits of a value, and one for the lower 4 bits of a small value (-8 to 7). The lower 4 bits of other
+/// values do not depend on the context: they have one model for each value of the upper 4 bits.
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 
 /// An adaptive probability distribution of symbols. Each symbol has an interval within `0..2^BITS`. A symbol's
@@ -72,9 +73,10 @@ impl Model {
         (begin, end - begin)
     }
 
-    /// Adapts the model to `symbol` by moving all intervals towards a target. The target gives length 1 to the interval
-    /// of every other symbol, and the remaining length to the interval of `symbol`. Intervals move by 1/16 of the
-    /// difference at first, and by 1/128 after 128 symbols. Rounding down keeps every interval at least 1 long.
+    /// Adapts the model to `symbol` by moving the beginning of each interval towards a target. In the target, the
+    /// interval of every other symbol has length 1, and that of `symbol` has the remaining length. A beginning moves by
+    /// a fraction of its distance from the target: 1/16 for the first 16 symbols, 1/32 for the next 16, 1/64 for the
+    /// next 96, then 1/128. Rounding down keeps every interval at least 1 long.
     #[inline(always)]
     fn learn(&mut self, symbol: usize) {
         let rate = 4 + [16, 32, 128].iter().filter(|&&seen| self.seen >= seen).count();

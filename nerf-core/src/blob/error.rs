@@ -67,7 +67,8 @@ errors! {
     Samples { found: u16 } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
     TransmittanceCut { found: f32 } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
     ColourCut { found: f32 } => "colour_cut: expected 0 <= cut < 1, found {found}";
-    /// The point uses an occupancy grid and the scene has none, or does not use a grid that the scene requires.
+    /// Either the point uses an occupancy grid and the scene has none, or the scene requires its grid and the point
+    /// does not use it. `found`: whether the point uses a grid.
     Occupancy { found: bool } =>
         "occupancy: expected {expected}",
         expected = match found {
@@ -139,7 +140,8 @@ errors! {
     CodedEnd { level: u8, index: u32 } =>
         "tables: level {level}: expected value {index}, found the end of the coded bytes";
     /// No encoder writes these coded bytes. Either the decoder's initial state is too low, or bytes are left after the
-    /// last value, or the decoder does not end in the encoder's initial state.
+    /// last value, or the decoder does not end in the encoder's initial state. `state`: the decoder's initial state if
+    /// too low; otherwise its last state. `bytes`: number of bytes not yet decoded.
     CodedRest { state: u32, bytes: u64 } =>
         "tables: expected coded bytes that end in state 65536 behind the last value, found state {state} and {bytes} \
          bytes more";

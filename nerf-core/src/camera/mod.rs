@@ -209,8 +209,8 @@ impl Camera {
     }
 
     /// Checks that the lens can be inverted at 17×17 points over the image, unless the distortion is too weak to fail.
-    /// Folds are tested only on the segments from the axis to points of the image's border, since all other points lie
-    /// inside the border.
+    /// Folds are tested on the segments from the principal point to those of the points that lie on the image's border.
+    /// Together, these segments pass near every point of the image.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());

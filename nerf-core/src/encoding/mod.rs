@@ -83,7 +83,8 @@ impl From<SinusoidalEncoding> for PositionEncoding {
 pub enum DirectionEncoding {
     /// Sines and cosines of each coordinate.
     Sinusoidal(SinusoidalEncoding),
-    /// Real spherical harmonics. Without the feature `grid` networks with this encoding are refused.
+    /// Real spherical harmonics. Without the feature `grid`, which includes them, networks with this encoding are
+    /// refused.
     SphericalHarmonics {
         /// Number of bands, 1 to [`MAX_HARMONICS_DEGREE`]; together the bands have `degree²` functions.
         degree: u8,

@@ -25,19 +25,22 @@ pub struct Image {
     pub width: usize,
     /// Height, pixels.
     pub height: usize,
-    /// Colour over the background: display-encoded in `[0, 1]`, unless linear output was requested.
+    /// Colour over the background (red, green, blue): sRGB-encoded in `[0, 1]`, unless linear output was requested.
     pub rgb: Vec<[f32; 3]>,
     /// Opacity, `[0, 1]`.
     pub opacity: Vec<f32>,
-    /// Mean distance along the ray, world units.
+    /// Mean of the samples' distances along the ray, by compositing weight, world units. In a pixel without a surface,
+    /// the frame's far distance.
     pub ray_distance: Vec<f32>,
-    /// Mean distance along the view axis, world units.
+    /// Mean distance along the view axis, world units: `ray_distance` times the cosine between ray and view axis. In a
+    /// pixel without a surface, the frame's far distance.
     pub z_depth: Vec<f32>,
-    /// Median distance along the ray, world units.
+    /// First distance along the ray at which transmittance is below one half, world units. If there is none, the
+    /// frame's far distance.
     pub median_distance: Vec<f32>,
     /// Normals in world space, unit length; 0 in a pixel without a surface.
     pub normals: Vec<[f32; 3]>,
-    /// Numbers of rays, samples and network evaluations of the whole image.
+    /// Numbers of rays, samples and network evaluations, summed over the whole image.
     pub counters: Counters,
 }
 

@@ -124,9 +124,11 @@ pub fn render_picture(
     Ok((rgb, counters))
 }
 
-/// Does the work of one thread: takes tasks from the iterator in `tasks` until none is left. For each task, `run`
-/// appends results to the given `Vec` and returns counters. The function in `tasks` then takes each result, under the
-/// shared lock. Returns the sum of the counters.
+/// Does the work of one thread: takes tasks until none is left. Returns the sum of the counters.
+///
+/// `tasks`: one mutex around an iterator of tasks and a function that takes results. `run`: does one task, appends the
+/// results to its second argument and returns counters. After each task, the thread locks the mutex and passes each
+/// result to the function.
 fn each<T, I: Iterator, F: FnMut(T)>(
     tasks: &Mutex<(I, F)>,
     mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,
@@ -143,7 +145,7 @@ fn each<T, I: Iterator, F: FnMut(T)>(
 }
 
 /// Runs `work` on `threads` threads, including the calling thread, and returns the sum of the counters. The threads
-/// share `tasks`. `take` receives the results in any order.
+/// share one mutex around `tasks` and `take`. `take` receives the results of the tasks in any order.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

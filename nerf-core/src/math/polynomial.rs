@@ -51,8 +51,8 @@ pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
     rotate(n, sin, cos)
 }
 
-/// Largest `|x|` that [`sin_cos`] accepts. That function splits π/2 into three parts. Up to this limit, the quadrant's
-/// index times the first part is exact, and so is the index times the second part.
+/// Largest `|x|` that [`sin_cos`] accepts, radians. [`sin_cos`] splits π/2 into three parts. Up to this limit, the
+/// products of the quadrant's index with the first part and with the second part are exact.
 pub const SIN_COS_DOMAIN: f32 = 1e5;
 
 /// `(sin x, cos x)` for `|x| <= SIN_COS_DOMAIN`.
@@ -81,7 +81,8 @@ pub fn sin_cos<V: Lanes>(x: V) -> (V, V) {
 /// # Accuracy
 /// Within 3e-7 (`math/tests.rs`).
 /// # Source
-/// Cephes (Moshier 1992), `atanf`. The branch for large quotients is left out, since the quotient is at most 1.
+/// Cephes (Moshier 1992), `atanf`. The branch for large quotients is left out: of `|x|` and `y`, the smaller is divided
+/// by the larger, so that the quotient is at most 1.
 #[cfg(feature = "lens")]
 pub fn angle(y: f32, x: f32) -> f32 {
     use core::f32::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -99,7 +100,7 @@ pub fn angle(y: f32, x: f32) -> f32 {
     if x < 0.0 { PI - acute } else { acute }
 }
 
-/// Clamps `x` to the range in which `exp` is a normal number.
+/// Clamps `x` to -87..88, where `e^x` is a normal f32.
 #[inline(always)]
 pub(super) fn clamp_exp<V: Lanes>(x: V) -> V {
     V::splat(-87.0).max_of(V::splat(88.0).min_of(x))

@@ -15,9 +15,9 @@ pub struct Gemm {
     pub a_row: usize,
     /// Distance from `A[i][p]` to `A[i][p+1]`, elements; not 1 if A is transposed.
     pub a_col: usize,
-    /// Distance from `B[p]` to `B[p+1]`, elements; columns of B are contiguous.
+    /// Distance from row `B[p]` to row `B[p+1]`, elements; the elements of a row are contiguous.
     pub b_row: usize,
-    /// Distance from `C[i]` to `C[i+1]`, elements; columns of C are contiguous.
+    /// Distance from row `C[i]` to row `C[i+1]`, elements; the elements of a row are contiguous.
     pub c_row: usize,
 }
 

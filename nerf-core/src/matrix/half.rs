@@ -6,7 +6,7 @@ use crate::simd::{Isa, Lanes, Op};
 
 /// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, where A is little-endian f16 at any alignment. `act` is ReLU
 /// if `relu`, else the identity. B and C may have any number `n` of columns: if `n` is no multiple of [`Isa::columns`],
-/// columns are computed one by one with portable instructions. `c_row` is at least `n`.
+/// all columns are computed one by one with portable instructions. `c_row` is at least `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short for sizes and strides. Other builds read missing values as 0.

@@ -14,22 +14,22 @@ names! {
         /// f32, unpacked once from the f16 of the scene file. Products are faster than with `F16`, and have the same
         /// values.
         F32 = "f32",
-        /// Pairs of bf16, for weights and activations: rounded to 8 significant bits. Sums are f32. [`Kernel::detect`]
-        /// never chooses this storage.
+        /// bf16, stored in pairs: weights and activations are rounded to 8 significant bits, and products are summed in
+        /// f32. [`Kernel::detect`] never chooses this storage.
         Bf16 = "bf16",
     }
 }
 
 impl Storage {
-    /// Whether weights are read directly from the scene file's bytes. True for `F16`, and for every storage on targets
-    /// without vector instructions ([`VECTORS`]).
+    /// Whether weights are read directly from the scene file's bytes. True for `F16`. On targets without vector
+    /// instructions ([`VECTORS`]), where only `F16` is available, always true.
     pub(crate) const fn in_place(self) -> bool {
         matches!(self, Self::F16) || !VECTORS
     }
 }
 
-/// The instruction set and the storage of weights that a scene is rendered with. Displayed and parsed as, for example,
-/// `avx2` with f32 weights and `avx2-f16` with f16 weights.
+/// The instruction set and the storage of weights that a scene is rendered with. Displayed and parsed as a name, for
+/// example `avx2` (AVX2, f32 weights) or `avx2-f16` (AVX2, f16 weights).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Kernel {
     /// Instruction set of the inner loops.

@@ -22,12 +22,12 @@ pub const fn lines_for<T>(count: usize) -> usize {
 /// Source of the buffers of a stage: [`Measure`] counts the 64-byte lines that the buffers need, [`Arena`] allocates
 /// them.
 pub trait Layout<'w> {
-    /// Returns `count` copies of `value`, beginning at the start of a line. [`Measure`] returns an empty slice, and so
-    /// does [`Arena`] if too little memory is left.
+    /// Returns a slice of `count` copies of `value`, aligned to 64 bytes (a [`Line`]). [`Measure`] returns an empty
+    /// slice; [`Arena`] does so if too little memory is left.
     fn slice<T: Copy>(&mut self, count: usize, value: T) -> &'w mut [T];
 }
 
-/// Counter of the 64-byte lines that requested buffers need; returns empty slices.
+/// A [`Layout`] that only counts the 64-byte lines that the requested buffers need, and returns empty slices.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Measure {
     /// Number of lines counted so far.

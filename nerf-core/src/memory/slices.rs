@@ -3,14 +3,14 @@
 //! A length that does not fit is a bug. Builds without debug assertions then return a slice that is as long as
 //! possible, so that a microcontroller's build contains no panic.
 
-/// The first `n` values of `all`.
+/// The first `n` values of `all`. If there are fewer: panics with debug assertions, else returns `all`.
 #[inline(always)]
 pub fn head<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(..n).unwrap_or(all)
 }
 
-/// The first `n` values of `all`.
+/// The first `n` values of `all`. If there are fewer: panics with debug assertions, else returns `all`.
 #[inline(always)]
 pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     let found = all.len();
@@ -18,28 +18,32 @@ pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     &mut all[..n.min(found)]
 }
 
-/// The values of `all` after the first `n`.
+/// The values of `all` after the first `n`. If there are fewer than `n`: panics with debug assertions, else returns an
+/// empty slice.
 #[inline(always)]
 pub fn tail<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(n..).unwrap_or_default()
 }
 
-/// The values of `all` after the first `n`.
+/// The values of `all` after the first `n`. If there are fewer than `n`: panics with debug assertions, else returns an
+/// empty slice.
 #[inline(always)]
 pub fn tail_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get_mut(n..).unwrap_or_default()
 }
 
-/// Reads column `column` of a block of `N` rows, `[N][stride]`.
+/// Reads column `column` of a block of `N` rows, `[N][stride]`. If the block is too short: panics with debug
+/// assertions, else returns 0 for each missing value.
 #[inline]
 pub fn column<const N: usize>(block: &[f32], stride: usize, column: usize) -> [f32; N] {
     debug_assert!((N - 1) * stride + column < block.len(), "column {column} of {stride}");
     core::array::from_fn(|row| block.get(row * stride + column).copied().unwrap_or_default())
 }
 
-/// Writes `values` into column `column` of a block of `N` rows, `[N][stride]`.
+/// Writes `values` into column `column` of a block of `N` rows, `[N][stride]`. If the block is too short: panics with
+/// debug assertions, else drops the values that have no place.
 #[inline]
 pub fn put_column<const N: usize>(block: &mut [f32], stride: usize, column: usize, values: [f32; N]) {
     for (row, value) in values.into_iter().enumerate() {

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub const MAX_TRUNK: usize = 16;
 /// Maximum number of hidden layers of the colour branch.
 pub const MAX_COLOUR: usize = 4;
-/// Maximum number of layers of a network: trunk, density head, colour branch, colour head.
+/// Maximum number of layers of a network: trunk, density head, hidden colour layers, colour head.
 pub const MAX_LAYERS: usize = MAX_TRUNK + MAX_COLOUR + 2;
 /// Maximum number of outputs of a layer.
 pub const MAX_WIDTH: usize = 512;
@@ -62,8 +62,9 @@ pub enum Shading {
 
 /// A network's shape, from which [`Architecture::layers`] derives all layers.
 ///
-/// The linear feature layer of the original NeRF has no counterpart here. No activation follows that layer, so that the
-/// export of a network merges it into the first colour layer.
+/// The linear feature layer of the original NeRF, between trunk and colour branch, has no counterpart here. No
+/// activation follows the feature layer: the export of a network therefore merges that layer into the first colour
+/// layer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
     /// Encoding of the position: 3 inputs in a scene, 2 in a 2D field (a point of the image).
@@ -98,7 +99,7 @@ pub enum Role {
 /// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layer {
-    /// What the layer computes: a hidden layer, the density or the colour.
+    /// Place of the layer in its network: a hidden layer, the density head or the colour head.
     pub role: Role,
     /// Number of inputs from the previous layer; in the first layer, from the encoded position.
     pub main: usize,
@@ -125,7 +126,7 @@ impl Layer {
     }
 }
 
-/// The layers of a network, in the order of their parameters: trunk, density, colour, rgb.
+/// The layers of a network, in the order of their parameters: trunk, density head, hidden colour layers, colour head.
 pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
 
 impl Architecture {
@@ -217,7 +218,7 @@ impl Architecture {
         self.layers().last().map_or(0, |rgb| rgb.bias + rgb.outputs)
     }
 
-    /// Number of parameters of trunk and density head. These are the first of the parameter vector.
+    /// Number of parameters of trunk and density head, which come first in the parameter vector.
     pub fn density_parameters(&self) -> usize {
         let colour = |layer: &&Layer| matches!(layer.role, Role::Colour(_) | Role::Rgb);
         self.layers().iter().find(colour).map_or(0, |layer| layer.weights)

@@ -2,11 +2,12 @@
 //!
 //! ```text
 //! ∂raw/∂h = w of the density head ─► ReLU: 0 where the unit was off ─► Wᵀ … ─► ∂raw/∂PE(x) ─► ∂raw/∂x
-//!                                                                    └─ a skip layer's share of it ─┘
+//!                                                                    └── through each skip layer ───┘
 //! ```
 //!
-//! Sigma is the raw density after its activation. Every activation increases, so that the gradient of sigma has the
-//! direction of the raw density's gradient. Where the activation is flat, only the gradient of sigma is 0.
+//! Sigma is the raw density after its activation. No activation decreases anywhere: where the gradient of sigma is not
+//! 0, it has the direction of the raw density's gradient. Where the activation is flat, the gradient of sigma is 0, but
+//! that of the raw density need not be.
 
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch};
@@ -46,13 +47,15 @@ impl Network<'_> {
 
     /// Computes ∂raw_sigma/∂x of a block of samples; 0 in a 2D field, which has no density.
     ///
-    /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². Overwrites
-    /// `scratch`.
+    /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². In a 2D field these
+    /// have 2 rows. Overwrites `scratch` and `memory`.
     ///
-    /// `blur`: standard deviation, world units, of a Gaussian around each sample. The gradient is averaged over this
-    /// Gaussian, as if the network were linear there, which damps the finer levels of the encoding. With 0 nothing is
-    /// averaged. A grid's interpolation is differentiated inside the sample's cell. A face between two cells belongs to
-    /// the cell with the larger index.
+    /// `blur`: standard deviation, world units, of a Gaussian around each sample; 0 for no blur. The gradient is
+    /// averaged over this Gaussian: the encoding is averaged, and the layers after the encoding are treated as linear.
+    /// This damps the finer levels of the encoding.
+    ///
+    /// A grid's interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell
+    /// with the larger index.
     ///
     /// The derivative of the ReLU at 0 is 0. Whether a ReLU is on is decided by a forward pass in the kernel's own
     /// arithmetic. The backward pass computes in f32, from weights in the precision in which they are stored.
@@ -113,7 +116,8 @@ impl Network<'_> {
         self.gradient_of_position(scratch, memory, positions, blur, gradient);
     }
 
-    /// Computes ∂raw/∂x from ∂raw/∂PE(x). With a sinusoidal encoding, `scratch.encoded` must hold the encoded values.
+    /// Computes ∂raw/∂x, into `gradient`, from ∂raw/∂PE(x) in `memory.encoded`. With a sinusoidal encoding,
+    /// `scratch.encoded` must hold the encoded positions PE(x) as f32.
     fn gradient_of_position(
         &self,
         scratch: &Scratch<'_>,
@@ -189,8 +193,9 @@ fn sign_words(layer: &Layer, samples: usize) -> usize {
 /// Writes the ReLU mask of a layer to `signs`: one bit for each output of each sample, row after row, set if the output
 /// is above 0.
 ///
-/// `outputs`: the layer's outputs after the ReLU. If `paired`, words of two bf16 values, `[⌈rows / 2⌉][stride]`: word
-/// row `q` holds rows `2q` and `2q + 1`, and `stride` is a multiple of [`SIGNS`]. Otherwise f32, `[rows][stride]`.
+/// `outputs`: the layer's `rows` outputs after the ReLU. If not `paired`: f32, `[rows][stride]`. If `paired`: pairs of
+/// bf16, `[⌈rows / 2⌉][stride]`, each in the bits of one f32. Row `q` then holds outputs `2q` and `2q + 1` of each
+/// sample, and `stride` is a multiple of [`SIGNS`].
 fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired: bool) {
     if !paired {
         for (sign, outputs) in signs.iter_mut().zip(head(outputs, rows * stride).chunks(SIGNS)) {
@@ -206,7 +211,8 @@ fn record(signs: &mut [u16], outputs: &[f32], rows: usize, stride: usize, paired
     }
 }
 
-/// Packs the signs of up to [`SIGNS`] outputs in a word: bit `i` is set if `value(outputs[i])` is above 0.
+/// Packs the signs of up to [`SIGNS`] outputs in a word: bit `i` is set if `value(outputs[i])` is above 0. `value`
+/// extracts the number to test from a stored f32, which may hold a pair of bf16.
 #[inline]
 fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)

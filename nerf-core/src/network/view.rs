@@ -31,7 +31,7 @@ pub struct Network<'a> {
 /// Memory for evaluating one block of samples; each slice is `[channel][stride]`.
 #[derive(Debug)]
 pub struct Scratch<'w> {
-    /// Number of samples of a block.
+    /// Length of a row: number of samples in a block, including padding columns.
     pub stride: usize,
     /// Encoded positions or directions; [`Network::encoded_rows`] rows.
     pub encoded: &'w mut [f32],
@@ -124,8 +124,9 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]. Any stride is valid only with portable
-    /// instructions and weights that are read directly from the scene file's bytes.
+    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]. If `false`, any stride is valid: in
+    /// builds without vector instructions, and for portable instructions with weights that are read directly from the
+    /// scene file's bytes.
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
@@ -169,7 +170,9 @@ impl<'a> Network<'a> {
         self.direction_layer().map_or(0, |layer| layer.extra * layer.outputs)
     }
 
-    /// Evaluates the part of the colour branch that depends on the direction alone, once per ray: `bias + W PE(d)`.
+    /// Evaluates the part of the colour branch that depends on the direction alone, once per ray: `b + W_d PE(d)`. `b`
+    /// is the bias of the layer that takes `[h, PE(d)]`; `W_d` are the columns of the layer's weights that multiply
+    /// `PE(d)`.
     ///
     /// `dirs`: `[3][stride]`, unit length; `out`: `[direction_rows][stride]`.
     pub fn direction(&self, math: MathBackend, scratch: &mut Scratch<'_>, dirs: &[f32], out: &mut [f32]) {
@@ -250,7 +253,7 @@ impl<'a> Network<'a> {
     }
 
     /// Converts the trunk's output `h` in [`Scratch::front`], which the caller wrote as f32, to the input format of the
-    /// colour branch.
+    /// colour branch ([`Network::take_rows`]).
     pub(crate) fn take_h(&self, scratch: &mut Scratch<'_>) {
         self.take_rows(self.trunk_rows(), scratch.stride, scratch.front);
     }
@@ -293,7 +296,8 @@ impl<'a> Network<'a> {
     }
 
     /// Computes the colour of a block's first sample from the trunk's output `h` in [`Scratch::front`]; overwrites `h`.
-    /// A vector holds outputs of a layer instead of samples. The result is bit-identical to [`Network::colour`].
+    /// The result is bit-identical to [`Network::colour`]. Each SIMD vector holds several outputs of a layer for the
+    /// one sample, instead of one output for several samples.
     ///
     /// Returns `false` and does nothing unless weights are [`Weights::Transposed`], the colour branch has hidden
     /// layers, and the width of each hidden layer is a multiple of [`Isa::columns`].
@@ -357,7 +361,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Encodes a block of directions into [`Scratch::encoded`], in the input format of the matrix products.
+    /// Encodes a block of directions into [`Scratch::encoded`]: f32, or pairs of bf16 if weights are
+    /// [`Weights::Paired`] ([`Network::take_rows`]).
     fn encode_direction(
         &self,
         math: MathBackend,
@@ -376,7 +381,8 @@ impl<'a> Network<'a> {
         self.take_rows(encoding.outputs(), scratch.stride, scratch.encoded);
     }
 
-    /// Converts `rows` rows of f32, in place, to the input format of the matrix products: pairs for bf16 weights.
+    /// Converts `rows` rows of f32 to the input format of the matrix products, in place. If weights are
+    /// [`Weights::Paired`], packs rows `2q` and `2q + 1` as pairs of bf16 into row `q`; otherwise does nothing.
     fn take_rows(&self, rows: usize, stride: usize, values: &mut [f32]) {
         if let Weights::Paired(_) = self.weights() {
             pair_rows(values, rows, stride);

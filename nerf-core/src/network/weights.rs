@@ -11,16 +11,19 @@ pub enum Weights<'a> {
     /// f32, for instruction sets with vectors.
     Prepared(&'a [f32]),
     /// f32 as in [`Weights::Prepared`], but with the weights of hidden colour layers transposed, `[inputs][outputs]`.
-    /// For fields shaded once a ray, where a vector holds outputs of a layer instead of samples.
+    /// For fields shaded once a ray. If the colour branch is evaluated for a single ray, each SIMD vector holds several
+    /// outputs of a layer.
     Transposed(&'a [f32]),
-    /// Pairs of bf16, one pair in the bits of each f32, made by [`Weights::prepare`]. Each layer begins at the same
-    /// index as in f32 parameters.
+    /// bf16 weights, made by [`Weights::prepare`]. The bits of one f32 hold the weights of two consecutive inputs of an
+    /// output; main and appended inputs are paired separately, and an odd last weight is paired with 0. Biases are f32.
+    /// Weights and biases of each layer begin at the same index as in [`Weights::Prepared`]; the rest of the weights'
+    /// range is unused.
     Paired(&'a [f32]),
 }
 
 impl<'a> Weights<'a> {
-    /// Returns the parameters of a network for `storage`. If weights are read directly from the scene file's bytes,
-    /// returns `bytes`. Otherwise unpacks the f16 `bytes` into `memory` and returns `memory`.
+    /// Returns the parameters of a network in the format of `storage`. If weights are read directly from the scene
+    /// file's bytes, returns `bytes`. Otherwise unpacks the f16 `bytes` into `memory` and returns `memory`.
     ///
     /// `memory`: one value for each parameter of the `architecture`. If colours are not evaluated, the parameters of
     /// trunk and density head suffice ([`Architecture::density_parameters`]). Unused if `bytes` are read directly.
@@ -40,8 +43,8 @@ impl<'a> Weights<'a> {
         Self::view(architecture, storage, bytes, memory)
     }
 
-    /// Returns the parameters for `storage`: `bytes` if `storage` reads them directly, else `unpacked`, which
-    /// [`Weights::unpack`] has filled.
+    /// Returns the parameters in the format of `storage`: `bytes` if `storage` reads them directly, else `unpacked`,
+    /// which [`Weights::unpack`] has filled.
     pub(crate) fn view(
         architecture: &Architecture,
         storage: Storage,

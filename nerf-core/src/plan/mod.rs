@@ -105,11 +105,13 @@ pub struct Plan<'a> {
     /// [`Blob::identity`] of the blob that the plan was made for.
     pub(crate) scene: usize,
     pub(crate) bounds: SceneBox,
-    /// Contraction of an unbounded scene; `None` if the scene is bounded. In an unbounded scene, a position along a ray
-    /// is a number of steps of the contraction. [`Plan::point`] and [`Plan::interval`] take such positions.
+    /// Contraction of an unbounded scene; `None` if the scene is bounded. In an unbounded scene, a sample's position
+    /// along its ray is given as `s` of [`Contraction::distance`] instead of as a distance. [`Plan::point`] and
+    /// [`Plan::interval`] take such positions.
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
-    /// The bins of a ray. If a proposal network places the samples, only the number of bins is used.
+    /// The bins of a ray. If a proposal network places the samples, only the number of bins is used: the number of
+    /// samples.
     pub(crate) bins: Bins,
     /// Requested number of samples a ray.
     samples: u16,
@@ -228,8 +230,11 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Returns the plan with samples only in the bins of the network's training, from near to far. Reproduces figures
-    /// that were measured with these bins. The plan of a scene without bins does not change.
+    /// Returns the plan with samples only in the bins used in training, from near to far. By default, bins of the same
+    /// width continue in front of near and behind far. Use these bins to reproduce results that were measured with
+    /// them.
+    ///
+    /// Has no effect unless the scene's sampling is [`SceneSampling::Bins`].
     #[must_use]
     pub fn with_own_bins(mut self) -> Self {
         if self.lattice == Lattice::Extended {
@@ -238,7 +243,7 @@ impl<'a> Plan<'a> {
         self
     }
 
-    /// Returns the plan with another blur of normals. `bins`: width of the blur; 0 takes the density's gradient itself.
+    /// Returns the plan with another blur of normals. `bins`: width of the blur, in bins; 0 for no blur.
     ///
     /// A field that was trained with samples one bin apart also varies on far finer scales. In sums along a ray these
     /// variations cancel, but they dominate the gradient: the tenth frequency of a sinusoidal encoding multiplies the
@@ -298,15 +303,16 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Requested number of samples a ray. In a scene with bins: the number of bins from near to far. In a scene with a
-    /// step: the number of steps across the scene box. With a proposal network: the number of drawn samples plus the
-    /// number of proposal samples. A ray may get more samples where the bins continue in front of near or behind far.
+    /// Requested number of samples a ray, counted as in [`Quality::samples`]. With a proposal network, the samples at
+    /// which that network is evaluated are added. A ray may get more samples where the bins continue in front of near
+    /// or behind far.
     pub(crate) fn samples_per_ray(&self) -> u32 {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
 
-    /// Index of the first bin of `from..end` whose sample lies in an occupied cell; `end` if none does. `place`:
-    /// positions of the ray's samples in their bins.
+    /// Index of the first bin of `from..end` whose sample lies in an occupied cell; `end` if none does. Without an
+    /// occupancy grid, all points in the scene box count as occupied. `place`: positions of the ray's samples in their
+    /// bins.
     // Not inlined: a copy at each call would be a large part of a microcontroller's code.
     #[inline(never)]
     pub(crate) fn first_occupied(
@@ -380,8 +386,8 @@ impl<'a> Plan<'a> {
         Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
     }
 
-    /// The point of a ray at `t`, in the network's space. `t`: world units or, with a contraction, steps of the
-    /// contraction.
+    /// The point of a ray at `t`, in the network's space. `t`: distance, world units; with a contraction, position `s`
+    /// of [`Contraction::distance`].
     #[inline]
     pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
         match &self.contraction {
@@ -403,9 +409,9 @@ impl<'a> Plan<'a> {
         self.near.max(t_min) - start
     }
 
-    /// The interval of the sample at position `t`. `t` is counted from the point at distance `start` along the ray, in
-    /// world units or, in an unbounded scene, in steps of the contraction. `ends`: cuts of the first and the last bin.
-    /// `t_min`: nearest visible distance of the ray, world units.
+    /// The interval of the sample at `t`. `t`: distance from the point at distance `start` along the ray, world units;
+    /// in an unbounded scene, position `s` of [`Contraction::distance`]. `ends`: used parts of the ray's first and last
+    /// bin. `t_min`: nearest visible distance of the ray, world units.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
         if self.contraction.is_some() {

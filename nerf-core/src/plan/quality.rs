@@ -11,15 +11,19 @@ mod tests;
 /// The quality settings of a frame: approximations that cost accuracy and save time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
-    /// Samples per ray; 0 for the scene's own number. In a scene with bins: the number of bins from near to far. Bins
-    /// in front of near and behind far have the same width. In a scene with a step: the number of steps on the diagonal
-    /// of its box. With a proposal network: the number of drawn samples. The samples at which the proposal network is
-    /// evaluated are extra.
+    /// Number of samples per ray; 0 for the scene's own number. What is counted depends on the scene's
+    /// [`SceneSampling`](crate::blob::SceneSampling):
+    ///
+    /// - `Bins`: bins from near to far. Further bins of the same width, in front of near and behind far, are extra.
+    /// - `Bins` with a proposal network: drawn samples. The samples that evaluate the proposal network are extra.
+    /// - `March`: steps along the diagonal of the scene box.
+    /// - `Contracted`: steps on a ray through the inner ball's middle, from the ray's entry to `far` past the middle.
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
-    /// Largest sum of compositing weights without an evaluated colour. Once the sum along a ray exceeds this cut, the
-    /// current sample's colour is evaluated and the sum restarts at 0. A cut of 0 evaluates every sample of weight
+    /// Sum of compositing weights that must be exceeded before a colour is evaluated. The weights of consecutive
+    /// samples are summed along a ray. Once the sum exceeds this cut, the current sample's colour is evaluated and
+    /// counts with the whole sum, and the sum restarts at 0. A cut of 0 evaluates the colour of every sample of weight
     /// above 0.
     ///
     /// The same rule selects the samples whose normal is evaluated. With [`Shading::PerRay`](crate::network::Shading)
@@ -30,8 +34,9 @@ pub struct Quality {
     pub occupancy: bool,
     /// Implementation of the elementary functions, such as exp and sine.
     pub math: MathBackend,
-    /// Whether samples are drawn from the scene's proposal network, if it has one; else samples are uniform. A scene
-    /// with a proposal network was trained with drawn samples, which may cost more or less than uniform samples.
+    /// Whether samples are placed by the scene's proposal network, if it has one; otherwise they are uniform. Networks
+    /// of such scenes were trained with the placed samples. Rendering may take more or less time than with uniform
+    /// samples.
     pub proposal: bool,
 }
 
@@ -62,8 +67,9 @@ impl Quality {
     /// Cheapest settings on the blob's Pareto front whose PSNR is at most `db` dB below that of exact rendering.
     ///
     /// If the PSNR of every point is lower, returns the point of highest PSNR. `None` without a Pareto front, or if
-    /// every point needs a maths backend or a proposal network that this build lacks. The transmittance cut may exceed
-    /// one half, which a plan with a median distance refuses.
+    /// every point needs a maths backend or a proposal network that this build lacks. The returned settings may have a
+    /// transmittance cut above one half; [`Plan::new`](crate::plan::Plan::new) refuses such settings together with a
+    /// median distance.
     pub fn within_loss(blob: &Blob<'_>, db: f32) -> Option<Choice> {
         // Ordered from the most expensive point to the cheapest, and thus from the highest PSNR to the lowest.
         let last = Self::choices(blob).take_while(|choice| choice.loss_db <= db).last();
@@ -81,13 +87,13 @@ impl Quality {
         Some(Choice { within: true, ..best })
     }
 
-    /// The settings of a preset in this scene: PSNR at most [`Preset::loss_db`] below that of the exact rendering.
-    ///
-    /// The result is a point of the scene's Pareto front. If the PSNR of every point is too low, the result is
+    /// The settings of a preset in this scene: the cheapest on the scene's Pareto front whose PSNR is at most
+    /// [`Preset::loss_db`] below that of the exact rendering. If the PSNR of every point is too low, returns
     /// [`Quality::exact`].
     ///
     /// Without a Pareto front the PSNR of settings is not known. `Preset::Exact` is then [`Quality::exact`], and
-    /// `Preset::High` [`Quality::default`]; the other presets have the cuts from a study of another scene:
+    /// `Preset::High` is [`Quality::default`]. The other presets are then fixed settings, with losses measured in a
+    /// scene with a learned grid:
     ///
     /// | preset | transmittance cut | colour cut | samples | PSNR below exact |
     /// | --- | ---: | ---: | ---: | ---: |
@@ -96,7 +102,7 @@ impl Quality {
     /// | `Preview` | 0.1 | 0.1 | four fifths | 0.9 dB |
     ///
     /// # Source
-    /// `docs/accuracy-and-time.md`, the learned grid.
+    /// `docs/accuracy-and-time.md`: measurements of the learned grid.
     pub fn preset(blob: &Blob<'_>, preset: Preset) -> Self {
         if let Some(choice) = Self::within_loss(blob, preset.loss_db()) {
             return if choice.within { choice.quality } else { Self::exact(blob) };
@@ -115,8 +121,9 @@ impl Quality {
     /// Returns these settings, with their measured loss and cost, as a point of a Pareto front for the blob.
     ///
     /// `loss_db`: PSNR with [`Quality::exact`] minus PSNR with these settings, both against ground truth. `cost`:
-    /// multiply-adds relative to those of the exact rendering. In the point, an occupancy grid or proposal network that
-    /// the scene lacks is off, and 0 samples becomes the scene's own number. [`crate::blob::write()`] checks the rest.
+    /// multiply-adds relative to those of the exact rendering. An occupancy grid or proposal network that the scene
+    /// lacks is off in the returned point, and 0 samples becomes the scene's own number. [`crate::blob::write()`]
+    /// checks the ranges of all values.
     pub fn front_point(&self, blob: &Blob<'_>, loss_db: f32, cost: f32) -> FrontPoint {
         let own = blob.scene().map_or(0, |scene| scene.samples());
         FrontPoint {
@@ -170,8 +177,8 @@ pub struct Choice {
     pub loss_db: f32,
     /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
-    /// Whether the settings meet the requested limit. If `false`, no point of the front does, and this point is the
-    /// nearest.
+    /// Whether the settings meet the requested limit. If `false`, either no point of the front does and this point is
+    /// the nearest to the limit, or there was no limit ([`Quality::front`]).
     pub within: bool,
 }
 

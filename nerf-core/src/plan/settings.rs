@@ -16,9 +16,9 @@ pub struct Settings {
     pub background: Option<[f32; 3]>,
     /// Nearest and farthest visible distance along a ray, world units ([`Plan::with_range`]).
     pub range: (f32, f32),
-    /// Blur of normals, bins ([`Plan::with_normal_blur`]).
+    /// Width of the blur of normals, in bins; 0 for no blur ([`Plan::with_normal_blur`]).
     pub normal_blur: f32,
-    /// Whether samples lie only in the bins of the scene's training, from near to far ([`Plan::with_own_bins`]).
+    /// Whether samples lie only in the bins used in training, from near to far ([`Plan::with_own_bins`]).
     pub own_bins: bool,
 }
 

@@ -21,8 +21,8 @@ pub(crate) enum Lattice {
     Extended,
     /// The scene has a step instead of bins: the first bin begins where the ray enters the scene box.
     March,
-    /// The scene is unbounded: positions of bins are counted in steps of the contraction, from the ray's point nearest
-    /// to the contraction's centre.
+    /// The scene is unbounded: positions of bins are values `s` of [`Contraction::distance`], 0 at the ray's point
+    /// nearest to the contraction's centre.
     Contracted,
 }
 
@@ -32,7 +32,7 @@ pub(crate) struct Span {
     pub ray: Ray,
     /// Distance from the original ray's origin to the moved origin, along the ray, world units.
     pub start: f32,
-    /// Range of bins that may contain a sample.
+    /// Index range of the bins that may contain a sample.
     pub bins: Range<u32>,
     /// The used parts of the first and the last bin, which the limits of the ray may cut short.
     pub ends: Ends,
@@ -85,9 +85,11 @@ impl Span {
     }
 }
 
-/// The sampled part of a ray through an unbounded scene. The part begins at near or at `t_min`, whichever is farther,
-/// and ends at far or at `t_max`, whichever is nearer. Far is counted from the ray's point nearest to the contraction's
-/// centre. `None` if the part is empty.
+/// The sampled part of a ray through an unbounded scene; `None` if the part is empty.
+///
+/// The part begins at [`Plan::near`] or at `t_min`, whichever is farther. The part ends at [`Plan::far`] or at `t_max`,
+/// whichever is nearer. `far` is a distance from the ray's point nearest to the contraction's centre; `near`, `t_min`
+/// and `t_max` are distances from the ray's origin.
 #[inline(never)]
 fn contracted_span(
     plan: &Plan<'_>,
@@ -115,9 +117,10 @@ type Row = [f32; MAX_LANES];
 pub(crate) struct Spans<T = Row> {
     origin: [T; 3],
     start: T,
-    /// First bin, and end of the range of bins; if nothing is sampled, the end is at most the first bin.
+    /// Index of the first bin and index after the last bin. If nothing is sampled, the second is at most the first.
     bins: [T; 2],
-    /// The cuts of the first and the last bin, as [`Ends::parts`] returns them.
+    /// Used parts of the first and the last bin, in the order of [`Ends::parts`]: `start`, `low`, `high`, `far`,
+    /// `stop`.
     ends: [T; Ends::PARTS],
 }
 

@@ -26,7 +26,9 @@ pub(super) struct Frame<'f, 'w> {
 
 impl<'f, 'w> Frame<'f, 'w> {
     /// Reserves the buffers of all stages in `layout`, which measures or allocates memory. The buffers of [`Pixels`]
-    /// are reserved separately. `around`: box around all occupied cells, and packet test of the occupancy grid.
+    /// are reserved separately. `around`: first the box around all occupied cells, `None` if no cell is occupied or
+    /// there is no grid. Then the test that finds occupied cells for a whole packet of neighbouring rays, `None` if
+    /// frames do not use it.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -61,8 +63,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         move |eye| plan.far_from(eye)
     }
 
-    /// Renders one ray of each pixel of the tile. With `COLLIDE`, the ray's random number selects the point at which a
-    /// photon collides with the field, and the ray ends there.
+    /// Renders ray `pixels.turn` of each pixel of the tile: one of the pixel's rays. With `COLLIDE`, a ray ends at a
+    /// random point of collision, where its optical thickness reaches [`RaySource::until`].
     #[inline(never)]
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,

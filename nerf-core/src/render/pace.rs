@@ -58,11 +58,12 @@ impl Pace {
     /// Measures the time of a frame on one thread, with the settings of each point on the scene's Pareto front.
     ///
     /// `plan`: plan of a frame; its [`Quality`] is replaced by the settings of each point. `clock`: returns
-    /// microseconds since a fixed moment, never decreasing. About 2,048 pixels are rendered (every n-th pixel of every
-    /// n-th row, since a single tile may be empty), and the time is scaled to the whole frame. Points are measured in
-    /// order of rising cost. Each is rendered twice, and the shorter time is used. Once a point takes more than
-    /// `limit_milliseconds`, points of higher cost are not measured: in a large image, the whole measurement takes
-    /// little longer than one frame at the limit. A scene without a Pareto front yields [`Pace::UNKNOWN`].
+    /// microseconds since a fixed moment, never decreasing.
+    ///
+    /// About 2,048 pixels are rendered (every n-th pixel of every n-th row, since a single tile may be empty), and the
+    /// time is scaled to the whole frame. Each point is rendered twice, and the shorter time is used. Points are
+    /// measured in order of rising cost. Once a point's scaled time exceeds `limit_milliseconds`, points of higher cost
+    /// are not measured. A scene without a Pareto front yields [`Pace::UNKNOWN`].
     ///
     /// # Errors
     /// [`RenderError::Memory`] if `workspace` has fewer lines than [`Pace::lines`] returns.

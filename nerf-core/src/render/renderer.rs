@@ -55,8 +55,9 @@ impl<'a> Renderer<'a> {
         Ok(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns a renderer of `blob`. `prepared`: the values copied for `kernel`. `occupied`: coarse copy of the blob's
-    /// occupancy grid. Returns `None` if there are too few values.
+    /// Returns a renderer of `blob`. `prepared`: copies of the values that `kernel` cannot read from the blob's bytes.
+    /// `occupied`: coarse copy of the blob's occupancy grid. `None` if there are fewer parameters or table values than
+    /// the network has.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
@@ -302,7 +303,8 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 }
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
-    /// Returns the scene's network: copied values are in `self`, others in `blob`. `None` if there are too few values.
+    /// Returns the scene's network: copied values are in `self`, others in `blob`. `None` if there are fewer parameters
+    /// or table values than the network has.
     #[inline]
     fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<Network<'a>> {
         let [parameters, _, tables] = self.unpacked;

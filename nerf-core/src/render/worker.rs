@@ -86,8 +86,9 @@ impl<'f> Worker<'f> {
     /// [`Placement::IDENTITY`] its pixels are also bit-identical to those of that worker.
     ///
     /// # Errors
-    /// [`RenderError::NoInstances`], [`RenderError::Instance`] with the first instance that cannot be rendered with the
-    /// others, and [`RenderError::Memory`] if `memory` has fewer lines than [`Worker::instances_lines`] returns.
+    /// [`RenderError::NoInstances`] if `instances` is empty. [`RenderError::Instance`] with the index of the first
+    /// instance that cannot be rendered with the others. [`RenderError::Memory`] if `memory` has fewer lines than
+    /// [`Worker::instances_lines`] returns.
     pub fn of_instances(instances: &'f [Instance<'f>], memory: &'f mut [Line]) -> Result<Self, RenderError> {
         let last = check(instances)?;
         let renderers = instances.iter().map(|instance| instance.renderer);
@@ -187,10 +188,13 @@ impl<'f> Worker<'f> {
     /// the random sample positions of the pixel in column `i`, row 0.
     ///
     /// # Errors
-    /// [`RenderError::Ray`] with the index of the first ray that is not finite or whose direction is not of unit
-    /// length, [`RenderError::RayRange`] with the index of the first ray without `0 <= t_min <= t_max` or with an
-    /// infinite `t_min`, [`RenderError::Axis`], and [`RenderError::CameraEffects`] on a plan with several rays per
-    /// pixel or an aperture, which need a camera. Errors are found before anything is written.
+    /// Errors are found before anything is written:
+    /// - [`RenderError::CameraEffects`] if the plan has several rays per pixel or an aperture, which need a camera
+    /// - [`RenderError::Axis`] if `axis` is not of unit length
+    /// - [`RenderError::Ray`] with the index of the first ray whose origin is not finite or whose direction is not of
+    ///   unit length
+    /// - [`RenderError::RayRange`] with the index of the first ray without `0 <= t_min <= t_max` or with an infinite
+    ///   `t_min`
     pub fn render_rays(
         &mut self,
         rays: &[RaySegment],
@@ -230,7 +234,8 @@ impl<'f> Worker<'f> {
         Ok(self.rows_of_rays::<false>(range, &ray, &|_| 0.0, axis, target))
     }
 
-    /// For path tracers: draws the point on each ray where a photon collides, and passes index and pixel to `target`.
+    /// Draws, for path tracers, the point on each ray at which a photon collides with the field. Passes each ray's
+    /// index and pixel to `target`.
     ///
     /// `random`: a number in `[0, 1]` for each ray. The number 1 is replaced by the largest f32 below 1, since rounding
     /// to f32 may have changed a smaller number to 1. A ray collides where its opacity reaches its random number. Its
@@ -238,8 +243,8 @@ impl<'f> Worker<'f> {
     /// The pixel of a ray without a collision has opacity 0, infinite distances and the background's colour.
     ///
     /// The probability of a collision in a sample's interval is the sample's weight in [`Worker::render_rays`]. With
-    /// uniform random numbers, the mean colour is therefore the colour that [`Worker::render_rays`] composites without
-    /// transmittance and colour cuts. This function does not use these cuts.
+    /// uniform random numbers, the mean colour is therefore the colour that [`Worker::render_rays`] composites if the
+    /// plan's transmittance cut and colour cut are 0. This function ignores both cuts.
     ///
     /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is evaluated for
     /// the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of these colours

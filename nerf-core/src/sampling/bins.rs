@@ -16,16 +16,20 @@ pub struct Bins {
     pub(crate) ends: Ends,
 }
 
-/// Where a ray's first and last bin are cut short; distances along the ray.
+/// Where a ray's first and last bin are cut; distances along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ends {
-    /// If the first bin is cut, `start..low` is its used part. Otherwise `start` and `low` are −∞.
+    /// Beginning of the used part of the first bin, if this bin is cut; otherwise −∞.
     pub start: f32,
+    /// End of the first bin, if this bin is cut; otherwise −∞.
     pub low: f32,
-    /// If the last bin is cut, `high..far` holds its samples, and `high..stop` is its used part. Otherwise `high` and
-    /// `stop` are +∞, and `far` is the end of all bins.
+    /// Beginning of the last bin, if this bin is cut; otherwise +∞.
     pub high: f32,
+    /// End of the part of the last bin in which its samples are placed, if this bin is cut; otherwise the end of all
+    /// bins.
     pub far: f32,
+    /// End of the used part of the last bin, at most `far`, if this bin is cut; otherwise +∞. Samples between `stop`
+    /// and `far` represent the part in front of `stop`.
     pub stop: f32,
 }
 
@@ -178,8 +182,8 @@ impl Bins {
         self.delta
     }
 
-    /// `t` clamped to the used part of its bin, then the beginning and the end of that part. `ends`: cuts of the bins,
-    /// in the order of [`Ends::parts`].
+    /// Returns `t`, clamped to the used part of its bin, then the beginning and the end of this part. `ends`: cuts of
+    /// the bins, in the order of [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn edges_around<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> [V; 3] {
         let [start, low, high, _, stop] = ends;
@@ -215,7 +219,7 @@ impl Bins {
         V::select(t.less(far), t, far)
     }
 
-    /// Whether the ends of all bins up to index `last` are uncut. Their middles are then the same as without cuts.
+    /// Whether none of the bins `0..=last` is cut at its end. Their middles are then the same as without cuts.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
         let (last, Ends { high, far, .. }) = (last as f32, self.ends);
@@ -248,8 +252,8 @@ impl Bins {
         self.at((self.bin_around(t) as u32).min(self.count - 1), 0.5)
     }
 
-    /// The bins that may have a point in `enter..=exit`. The range is a superset, larger by one or two bins at each end
-    /// if a bin is wider than the spacing of f32 at `far`.
+    /// The bins that may have a point in `enter..=exit`. The range is a superset: it is larger by a few bins at each
+    /// end, or by many if bins are narrower than the spacing of f32 at the end of all bins.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let rounding = self.rounding();
         // `as` saturates, and converts NaN to 0.
@@ -259,7 +263,8 @@ impl Bins {
     }
 }
 
-/// Rounds down to an integer in `0..=2^23`, which [`Lanes::to_indices`] accepts.
+/// Rounds down to an integer and clamps to `0..=2^23`, the integers that [`Lanes::to_indices`] accepts. A NaN becomes
+/// 0.
 #[inline(always)]
 fn whole<V: Lanes>(x: V) -> V {
     x.max_of(V::splat(0.0)).min_of(V::splat(8_388_608.0)).floor()

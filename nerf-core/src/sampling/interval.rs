@@ -13,18 +13,18 @@ pub(crate) struct SampleInterval<V = f32> {
     pub delta: V,
 }
 
-/// Spacing of the samples along a ray: the bins of a scene, in world units or in steps of a contraction.
+/// Spacing of the samples along a ray: bins of equal width, in world units or, with a contraction, in the position `s`
+/// that [`Contraction::distance`] converts to a distance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spacing<'a> {
     pub bins: &'a Bins,
-    /// Contraction of an unbounded scene; bins are then in steps of the contraction. `None` in a bounded scene, whose
-    /// bins are in world units.
+    /// Contraction of an unbounded scene; `None` in a bounded scene.
     pub contraction: Option<&'a Contraction>,
 }
 
 impl Spacing<'_> {
-    /// The point of a ray at `t`, in the space of the network's inputs. `t`: world units or, with a contraction, steps
-    /// of the contraction.
+    /// The point of a ray at `t`, in the space of the network's inputs. `t`: distance, world units; with a contraction,
+    /// position `s` of [`Contraction::distance`].
     #[inline(always)]
     pub fn point<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
         match self.contraction {
@@ -35,15 +35,15 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of the sample at `t`, which is in world units or, with a contraction, in steps of the contraction.
-    /// `ends`: cuts of the ray's first and last bin. `near`: least distance of an unbounded scene's samples, world
-    /// units from the point at which `t` is 0.
+    /// The interval of the sample at `t`: distance, world units; with a contraction, position `s` of
+    /// [`Contraction::distance`]. `ends`: cuts of the ray's first and last bin, in the order of [`Ends::parts`].
+    /// `near`: least distance of an unbounded scene's samples, world units from the point at which `t` is 0.
     #[inline(always)]
     pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
         if self.contraction.is_some() {
             let [t, from, to] = self.edges(ends, near, t);
             let delta = to.sub(from);
-            // `mid` is computed from `delta`, since `from + to` may overflow f32 in the last step.
+            // `mid` is computed from `delta`, since `from + to` may overflow f32 in the last bin.
             return SampleInterval { t, mid: from.add(V::splat(0.5).mul(delta)), delta };
         }
         let [_, low, high, ..] = ends;
@@ -67,14 +67,14 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// The sample at `t` and the two ends of its interval, as distances in world units along the ray. `t`: world units
-    /// or, with a contraction, steps of the contraction. Neighbouring intervals share their ends bit for bit.
+    /// The sample at `t` and the two ends of its interval, as distances in world units along the ray. `ends`, `near`
+    /// and `t`: as in [`Spacing::interval`]. Neighbouring intervals share their ends bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);
         match self.contraction {
-            // Rounding of a position in steps changes its distance: at a thousand radii, by 1e-4 of the distance.
-            // Distances are clamped to `near`.
+            // Rounding of a position `s` changes its distance: at a thousand radii, by 1e-4 of the distance. Distances
+            // are clamped to `near`.
             Some(contraction) => {
                 let from = contraction.distance_lanes(from).max_of(near);
                 let to = contraction.distance_lanes(to).max_of(from);

@@ -11,7 +11,8 @@ mod tests;
 pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
-    /// The ray's index among the rays of its pixel, shifted left by 32 bits.
+    /// Index of the ray's first random number in `stream`, the pixel's random stream: the ray's index among the rays of
+    /// its pixel, shifted left by 32 bits. The numbers of the ray's bins follow.
     first: u64,
 }
 
@@ -25,8 +26,8 @@ impl SampleJitter {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
     }
 
-    /// Position of the ray's sample `k` in its stratum, `[0, 1)`. For samples that are drawn by the weights of a
-    /// proposal network.
+    /// Position of the ray's drawn sample `k` in its stratum, `[0, 1)`; ½ without jitter. The weights of a proposal
+    /// network divide a ray into strata of equal weight; one sample is drawn in each.
     #[inline]
     pub fn within(&self, k: u32) -> f32 {
         match self.seed {

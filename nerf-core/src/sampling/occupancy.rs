@@ -119,10 +119,11 @@ impl<'a> OccupancyGrid<'a> {
     /// march advances from cell to cell.
     ///
     /// # Source
-    /// Amanatides and Woo 1987; deviation: only the bins' samples are tested. The distance to a cell's exit gives the
-    /// number of bins to skip, and the cell of the last skipped bin is verified, since jitter makes the estimate
-    /// inexact by one. Rounding is monotone: a coordinate that does not decrease along the ray does not decrease in f32
-    /// either, so that all bins between two bins of one cell are in that cell.
+    /// Amanatides and Woo 1987; deviation: only the bins' samples are tested, not each cell that the ray crosses. The
+    /// distance to the exit from an empty cell gives an estimate of the number of bins to skip. Jitter may make the
+    /// estimate wrong by one. Bins are therefore skipped only if the sample of the last one lies in the same cell. The
+    /// samples in between then lie in this cell, too, since rounding is monotone: a coordinate that does not decrease
+    /// along the ray does not decrease in f32 either.
     #[inline]
     pub fn first_occupied(&self, ray: &Ray, bins: &Bins, from: u32, end: u32, t: impl Fn(u32) -> f32) -> u32 {
         let cells_per_bin = ray.dir.abs() * self.cells_per_unit * bins.delta();

@@ -122,10 +122,11 @@ pub trait Lanes: Copy + sealed::Sealed {
     }
 
     /// Weighted sum of table rows for each lane: `Σ_r weights[r] · row r`, summed from 0 in ascending `r`. A row is two
-    /// neighbouring entries of the table. An entry has `features` values: 1, 2 or 4. Vector `i` of the result is the
-    /// sum of the rows' value `i`; only the first `2 · features` vectors are valid.
+    /// neighbouring entries of the table. An entry has `features` values: 1, 2 or 4. Vector `i` of the result holds the
+    /// sums of value `i` of the rows, one sum per lane; only the first `2 · features` vectors are valid.
     ///
-    /// `rows`: index of each row's first entry. If the index is beyond the table, any entry or 0 is read.
+    /// `rows`: for each row and lane, the index of the row's first entry. If a row does not fit into the table,
+    /// arbitrary values of the table, or zeros, are read for it.
     #[inline(always)]
     fn weighted_rows<T: Value, const ROWS: usize>(
         table: Table<'_, T>,

@@ -54,13 +54,13 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// The primitives of table interpolation by [`weighted_rows`]. A vector consists of groups of four lanes. The
-/// four lanes take turns. In the turn of `LANE`, rows are summed for lane `LANE` of each group. The four lanes of the
-/// group then hold four neighbouring table values for that lane.
+/// Vector operations from which [`weighted_rows`] is built. A vector consists of groups of four lanes. Rows are summed
+/// in four passes. Pass `LANE` sums the rows of lane `LANE` of each group: the four lanes of the group then hold four
+/// neighbouring values of this one lane's rows.
 pub trait Quads: Lanes {
     /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether sums are stored to memory, so that the compiler does not hoist the loads of the next lane above a sum.
+    /// Whether sums are stored to memory, so that the compiler does not hoist the loads of the next pass above a sum.
     const SUMS_IN_MEMORY: bool = false;
     /// Offset of a table value, for each lane.
     type Offsets: Copy;

@@ -119,9 +119,10 @@ impl Quads for F32x4 {
 
 /// Converts four finite f16, each sign-extended to 32 bits, to f32.
 ///
-/// The magnitude `v` is computed as `2 v − v`; for a subnormal f16, which has no leading 1, as `(2^-14 + v) − 2^-14`.
-/// The sum and the differences are exact. No intermediate f32 is subnormal: many Intel cores stall on multiplications
-/// of subnormal numbers.
+/// The magnitude `v` is the difference of two f32, whose bits are made from the f16's bits by shifts and integer
+/// additions. For a normal f16 the two are `2 v` and `v`: they differ by 1 in the exponent. For a subnormal f16, which
+/// has no leading 1, they are `2^-14 + v` and `2^-14`. The difference is exact. No intermediate f32 is subnormal: many
+/// Intel cores stall on multiplications of subnormal numbers.
 #[inline(always)]
 fn widen_finite(bits: v128) -> v128 {
     const SMALLEST_NORMAL: i32 = (127 - 14) << 23;

@@ -4,8 +4,8 @@ use crate::camera::{Camera, Pose, Ray};
 use crate::errors::errors;
 use glam::{Mat3, Vec3};
 
-/// Largest accepted deviation of a matrix from a rotation, after division by its scale: of a column's length from 1,
-/// and of the dot product of two columns from 0.
+/// Tolerance of the test that a matrix, divided by its scale, is a rotation: largest difference of a column's length
+/// from 1, and largest magnitude of the dot product of two columns.
 const TOLERANCE: f32 = 1e-3;
 /// Largest valid scale; its reciprocal is the smallest. Distances in world and field units then stay in the range of
 /// f32.

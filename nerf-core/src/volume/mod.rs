@@ -18,13 +18,15 @@ pub use composite::{VolumeError, composite};
 #[cfg(feature = "normals")]
 pub(crate) use normal::NormalSum;
 
-/// Opacity up to which a pixel counts as having no surface. Its distances are then the frame's far distance.
+/// Opacity up to which a pixel counts as having no surface. The distances of such a pixel are the frame's far distance.
 pub const OPACITY_EPSILON: f32 = 1e-4;
 
-/// Largest optical thickness of a sample. Such a sample is opaque: `e^-100` is 0 in any image.
+/// Largest optical thickness of a sample; a larger one is clamped to this. The sample is then opaque: `e^-100` is 0 in
+/// any image.
 const MAX_TAU: f32 = 100.0;
 
-/// Optical thickness of a sample. `sigma`: density, 1/world unit. `delta`: width of the bin, world units.
+/// Optical thickness of a sample. `sigma`: density, 1/world unit. `delta`: width, world units, of the sample's bin: the
+/// interval of the ray that the sample represents.
 #[inline(always)]
 pub(crate) fn thickness(sigma: f32, delta: f32) -> f32 {
     (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU)
@@ -52,8 +54,8 @@ pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
-/// Returns `sum` scaled to unit length. The result is 0 if `opacity` is at most [`OPACITY_EPSILON`], or if the normals
-/// cancel. `sum`: sum of weight · normal. `weight`: sum of the weights.
+/// Direction of a mean normal: `sum`, the sum of weight · normal over samples, scaled to unit length. 0 if `opacity` is
+/// at most [`OPACITY_EPSILON`], or if the normals cancel. `weight`: sum of the weights.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
     // Length at or below which a mean of unit vectors is rounding noise.
@@ -67,7 +69,7 @@ pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 
     }
 }
 
-/// One finished pixel.
+/// Outputs of one pixel, composited along its ray. With several rays per pixel, means over the rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
     /// Colour over the background, display-encoded unless the frame's [`Tone`](crate::plan::Tone) is linear; 0 if not
@@ -148,8 +150,8 @@ impl Accumulator {
         self.add_alpha(alpha::<M, f32>(tau), light::<M, f32>(total), t)
     }
 
-    /// The first half of [`Accumulator::add_density`]: adds the optical thickness of a sample and returns the sum up to
-    /// and including this sample.
+    /// Adds the optical thickness of a sample; the first half of [`Accumulator::add_density`]. Returns the sum of
+    /// optical thickness up to and including this sample.
     #[inline]
     pub(crate) fn add_thickness(&mut self, tau: f32) -> f32 {
         // A sample of thickness 0 must leave the sum bit-identical. Adding 0 to a Kahan sum may change it by an ulp, if
@@ -160,8 +162,8 @@ impl Accumulator {
         self.tau.value
     }
 
-    /// The second half of [`Accumulator::add_density`]: adds the sample at distance `t` with opacity `alpha` and
-    /// returns its weight. `light`: the transmittance after the sample.
+    /// Adds the sample at distance `t` with opacity `alpha` and returns its weight; the second half of
+    /// [`Accumulator::add_density`]. `light`: the transmittance after the sample.
     #[inline]
     pub(crate) fn add_alpha(&mut self, alpha: f32, light: f32, t: f32) -> f32 {
         let weight = self.left * alpha;
@@ -184,8 +186,9 @@ impl Accumulator {
     }
 
     /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin. A collision adds opacity 1 at its
-    /// distance. `before`: the ray's sum of optical thickness in front of the bin. `sigma` (not 0), `t`, `delta`: the
-    /// bin's density, middle and width.
+    /// distance. The caller has already added the bin's optical thickness to the state. `before`: result of
+    /// [`Accumulator::optical_thickness`] in front of the bin; `-before` is the thickness left to the collision.
+    /// `sigma` (not 0), `t`, `delta`: the bin's density (1/world unit), middle and width (world units along the ray).
     #[inline]
     pub(crate) fn collide(&mut self, before: f32, sigma: f32, t: f32, delta: f32) -> bool {
         let collides = -before < thickness(sigma, delta);
@@ -215,16 +218,17 @@ impl Accumulator {
         }
     }
 
-    /// Adds `rgb`, the only colour of the ray, times the sum of all weights that [`Accumulator::take_uncoloured`]
-    /// returned.
+    /// Adds the colour of a ray that has only one (deferred shading): `rgb` times the sum of all weights that
+    /// [`Accumulator::take_uncoloured`] has returned. The state knows this sum.
     #[inline]
     pub(crate) fn colour_all(&mut self, rgb: [f32; 3]) {
         self.add_colour(self.opacity.value - self.uncoloured, rgb);
     }
 
-    /// Returns the pixel over `background`. `start`: distance along the ray from which the `t` of samples are counted.
-    /// `cut`: whether the ray was terminated early. If so, its pixel is opaque: the ray's mean colour replaces the
-    /// background. `far`: largest output distance. `z_per_distance`: cosine between ray and view axis.
+    /// Returns the pixel over `background`. `start`: added to the mean of the samples' `t`, since `t` is counted from
+    /// this distance along the ray. `cut`: whether the ray was terminated early. If so, its pixel is opaque: the ray's
+    /// mean colour replaces the background. `far`: distance of a pixel without a surface; other distances along the ray
+    /// are clamped to `far`. `z_per_distance`: cosine between ray and view axis.
     ///
     /// The last samples may have no evaluated colour. If they weigh less than the coloured samples, they get the ray's
     /// mean colour; else they stay black. Median distance and normal stay 0.

@@ -29,7 +29,8 @@ fn composite(
     super::composite(MathBackend::Polynomial, sigma, rgb, t_edges, background)
 }
 
-/// Composites a ray in f64; returns colour over black, opacity and mean distance.
+/// Composites a ray of `n` samples in f64. `t`: edges of the samples' bins, `[n + 1]`. Returns colour over black,
+/// opacity, and mean distance: the mean of the bins' middles, weighted by the samples' weights.
 fn oracle(sigma: &[f32], rgb: &[[f32; 3]], t: &[f32]) -> ([f64; 3], f64, f64) {
     let (mut tau, mut colour, mut opacity, mut distance) = (0.0f64, [0.0f64; 3], 0.0, 0.0);
     for i in 0..sigma.len() {
@@ -268,7 +269,8 @@ fn distances_are_far_exactly_up_to_the_epsilon() {
     }
 }
 
-/// Largest `|Σw + T − 1|` and largest `Σw` with the maths backend `M`. `w`: weights, `T`: final transmittance.
+/// Returns the largest `|Σw + T − 1|` and the largest `Σw` of 12 rays with pseudo-random densities, composited with the
+/// maths backend `M`. `w`: weights of a ray's samples, `T`: transmittance behind the last sample.
 fn conservation<M: Math>() -> (f32, f32) {
     let (mut worst, mut most) = (0.0f32, 0.0f32);
     for n in [1, 64, 4096] {

@@ -16,8 +16,8 @@ const SMALLEST_RESIDUAL: f64 = 0.02;
 const USABLE: (f64, f64) = (15.0, 245.0);
 /// A colour is averaged over a square of 5 × 5 pixels: this number of pixels on each side of the middle one.
 const HALF_SIDE: i64 = 2;
-/// Number of lines of sight needed to measure a photograph's gain well. Gains are only measured if at least half of the
-/// photographs have this number.
+/// Minimum number of lines of sight (sparse points that a photograph shows) to measure the photograph's gain well.
+/// Gains are measured only if at least half of the photographs, and at least two, have this number.
 const ENOUGH_SIGHTS: usize = 20;
 /// Exposure is fitted if the standard deviation of the log gains is at least this. On two captures of constant exposure
 /// (measured standard deviations 0.043 and 0.079), fitting gains lost 0.2 to 0.7 dB.
@@ -41,8 +41,8 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Photograph with the strongest gain, up or down: its index, and its log gain averaged over the channels. `None`
-    /// if the gain is less than a factor of two.
+    /// Photograph with the strongest gain, brighter or darker: its index, and its log gain averaged over the channels.
+    /// `None` if even this gain is less than a factor of two.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
@@ -107,7 +107,8 @@ fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     mean.iter().all(|c| (USABLE.0..USABLE.1).contains(c)).then(|| mean.map(f64::ln))
 }
 
-/// Returns the log gains of the views, by iteratively reweighted least squares. `observed`: (view, point, log colour).
+/// Returns the log gain of each view in one colour channel, by iteratively reweighted least squares. `observed`: index
+/// of the view, index of the point, and log of the colour in this channel. `views`: number of views.
 fn least_absolute(observed: &[(usize, usize, f64)], views: usize) -> Vec<f64> {
     let points = observed.iter().map(|&(_, point, _)| point + 1).max().unwrap_or(0);
     let mut gains = vec![0.0; views];

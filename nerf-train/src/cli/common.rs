@@ -92,7 +92,7 @@ impl Global {
         }
     }
 
-    /// Prints a progress message, unless quiet.
+    /// Prints a progress message, unless `--quiet` is given.
     pub fn say(&self, line: impl AsRef<str>) {
         progress::say(self.style(), line.as_ref());
     }
@@ -185,8 +185,8 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Reports the steps `missed`, of which `--snapshots` made no image: steps after `last`, the run's last step, and steps
-/// before the one from which the run was resumed.
+/// Reports the steps `missed`: steps that `--snapshots` names, but at which no image was made. A missed step is after
+/// the run's last step `last`, or before the step from which the run was resumed.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

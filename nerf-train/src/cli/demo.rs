@@ -46,10 +46,10 @@ pub struct Demo {
     /// TOML file of settings that override the grid preset (see `config`).
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Training steps.
+    /// Number of training steps; 5000 take less than a minute on two cores.
     #[arg(long, value_name = "N", default_value_t = STEPS)]
     steps: u32,
-    /// Random seed.
+    /// Seed of the initial weights and of all random choices in training.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 }

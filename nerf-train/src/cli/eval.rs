@@ -20,11 +20,11 @@ use std::process::ExitCode;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Split {
-    /// Training views.
+    /// Views from which the scene is trained.
     Train,
-    /// Validation views.
+    /// Validation views, held out to measure quality during training.
     Val,
-    /// Test views.
+    /// Test views, held out for the final evaluation.
     Test,
 }
 

@@ -90,7 +90,7 @@ pub struct Fit {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 struct Settings {
-    /// Random seed.
+    /// Seed of the initial weights and of all random choices in training [default: the preset's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Gradient engine: fused (explicit backward passes) or dfdx (automatic differentiation: slow reference).
@@ -114,8 +114,8 @@ struct Settings {
     /// Start from a full occupancy grid instead of a visual hull.
     #[arg(long)]
     no_hull: bool,
-    /// Scene extent: box, contracted (unbounded) or auto (box if the photographs show what is background, else
-    /// contracted).
+    /// Scene extent: box, contracted (unbounded) or auto (box if --box is given, or if the background of the
+    /// photographs is transparent or of one colour; else contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     /// Scene box, world units [default: found from the data].
@@ -235,7 +235,9 @@ impl Fit {
         Ok(fitted)
     }
 
-    /// Returns `config` adapted to a long run, if this run is long or resumes a long one; else `config` unchanged.
+    /// Returns `config` adapted to a long run if this run is long; otherwise returns `config` unchanged. A new run is
+    /// long by its limits of steps and time ([`detail::is_long`]). A resumed run is long if its checkpoint has the grid
+    /// of a long run. `chosen`: settings that the user gave, which do not change.
     fn for_length(config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
         let long = detail::for_long_run(config.clone(), chosen);
         let is_long = match options.resumed_grid()? {

@@ -49,7 +49,7 @@ pub struct Show {
     /// Preset: grid (learned hash grid), small (small sinusoidal network), seed (classic NeRF, 8 layers of 256).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
-    /// Random seed [default: the preset's].
+    /// Seed of the random choices in training, which select the rays [default: the preset's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Depth of the drawn camera frusta, world units [default: from the camera spacing].
@@ -66,8 +66,8 @@ pub struct Show {
         allow_hyphen_values = true
     )]
     scene_box: Option<[f32; 6]>,
-    /// Scene extent: box, contracted (unbounded) or auto (box if the photographs show what is background, else
-    /// contracted).
+    /// Scene extent: box, contracted (unbounded) or auto (box if --box is given, or if the background of the
+    /// photographs is transparent or of one colour; else contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]

@@ -17,13 +17,15 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Occupancy grids to build: cells along the longest side, and density × bin width above which a cell is occupied.
+/// Occupancy grids to build: number of cells along the longest side of the scene box, and threshold. A cell is occupied
+/// if its density times the distance between samples is above the threshold.
 const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
 /// Measure time and accuracy of approximate rendering, such as fewer samples, and find the Pareto front.
 ///
-/// Errors are measured against the images of DATA, and against the exact rendering: every sample that the scene needs,
-/// no early ray termination, f32 arithmetic. A Pareto front in the scene file lets a renderer choose settings by PSNR.
+/// Errors are measured against the images of DATA, and against the exact rendering: every sample of a ray (only in
+/// occupied cells if the occupancy grid is part of the model), no early ray termination, f32 arithmetic. A Pareto front
+/// in the scene file lets a renderer choose settings by PSNR.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"

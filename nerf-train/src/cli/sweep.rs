@@ -61,13 +61,14 @@ struct Lists {
     /// Size of a hash table, as the exponent of a power of 2: at most 2^N entries per level (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
-    /// Number of grid levels.
+    /// Number of resolution levels of the learned grid (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     grid_levels: Vec<u8>,
     /// Features per level: 1, 2 or 4 (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     features: Vec<u8>,
-    /// Cells along the longest side at the finest level (grids) [default: the preset's; for images, the image size].
+    /// Cells along the longest side of the scene box or image, at the finest level (grids) [default: the preset's; for
+    /// images, the image size].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     finest: Vec<u16>,
     /// Initial learning rates.
@@ -210,11 +211,11 @@ pub struct SceneSweep {
     /// Steps between updates of a hashed level, whose gradients are summed in between (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
-    /// Random seed [default: the preset's].
+    /// Seed of the initial weights and of all random choices in training [default: the preset's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Scene extent: box, contracted (unbounded) or auto (box if the photographs show what is background, else
-    /// contracted).
+    /// Scene extent: box, contracted (unbounded) or auto (box if the background of the photographs is transparent or of
+    /// one colour, else contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]

@@ -1,20 +1,24 @@
 //! Resolution of a learned grid, chosen from the number of pixels that the scene spans in the photographs, and from the
 //! length of the run.
 //!
-//! Measured on lego at 100², 200², 400² and 800² pixels, on every tenth training photograph, held out; Sapphire Rapids,
-//! two cores. The table compares the preset's settings, chosen at 200² pixels, with those of [`for_pixels`].
+//! Measured on lego at 100², 200², 400² and 800² pixels, on two cores of Sapphire Rapids. PSNR is over every tenth
+//! training photograph, held out. The table compares the settings of the preset `grid`, chosen at 200² pixels, with
+//! those of [`for_pixels`].
 //!
 //! | pixels | seconds | preset | [`for_pixels`] |
 //! | --- | ---: | ---: | ---: |
 //! | 400² | 30 | 30.85 dB | 31.63 dB |
 //! | 800² | 60 | 29.89 dB | 31.20 dB |
 //!
-//! Alternatives at 800², after 60 s: 30.70 dB with 724 cells in the finest level, 2^19 entries and 424 steps; 30.85 dB
-//! with 512 cells, 2^17 entries and 220 steps; 31.00 dB with ten levels of up to 768 cells. Scenes of fewer pixels than
-//! 200² keep the preset's settings: 32.62 dB at 100² after 15 s; half the entries and 0.7 times the cells reach 32.66
-//! dB.
+//! Alternatives to [`for_pixels`] at 800², after 60 s: 30.70 dB with 724 cells in the finest level, 2^19 entries and
+//! 424 march steps across the scene box; 30.85 dB with 512 cells, 2^17 entries and 220 march steps; 31.00 dB with ten
+//! levels of up to 768 cells.
 //!
-//! [`for_long_run`], on lego at 200², every tenth training photograph held out, two cores, AVX-512; PSNR in dB:
+//! Scenes of fewer pixels than 200² keep the preset's settings: 32.62 dB at 100² after 15 s. With half the entries and
+//! 0.7 times the cells it is 32.66 dB, no clear gain.
+//!
+//! [`for_long_run`] changes the preset's table entries from 2^16 in f16 to 2^17 in int8. PSNR of these and other
+//! settings in dB, on lego at 200², every tenth training photograph held out, two cores, AVX-512:
 //!
 //! | seconds | 2^16 entries, f16 | 2^17, f16 | 2^17, int8 | 2^18, f16 |
 //! | ---: | ---: | ---: | ---: | ---: |
@@ -31,13 +35,13 @@ use crate::model::quantise::TableStorage;
 use crate::train::schedule::Budget;
 use nerf_core::space::SceneBox;
 
-/// Number of pixels that the longest side of lego's box spans in photographs of 200 × 200 pixels, for which the preset
-/// was chosen.
+/// Number of pixels that the longest side of lego's box spans in photographs of 200 × 200 pixels. The preset was chosen
+/// for photographs of this size.
 const PRESET_PIXELS: f32 = 175.0;
 /// Largest binary logarithm of a level's number of entries. Already a table of 2^19 entries exceeds a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
-/// Ratio of a scene's pixels to [`PRESET_PIXELS`] above which settings grow no further. This limits the ratio if a
-/// camera is near the middle of the box.
+/// Largest ratio of a scene's pixels to [`PRESET_PIXELS`] to which settings are adapted. The ratio itself has no bound:
+/// it grows as cameras come near the middle of the box.
 const MOST_PIXELS: f32 = 8.0;
 /// Multiple to which the number of cells of the finest level is rounded, so that one pixel more does not change it.
 const ROUNDED_CELLS: f32 = 32.0;
@@ -80,10 +84,10 @@ pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     config
 }
 
-/// Least limit in seconds of a long run. From this time on, twice the table entries clearly raise PSNR (see the last
-/// table of this module's documentation).
+/// A run with a limit in seconds is long only if the limit is at least this. From this time on, twice the table entries
+/// clearly raise PSNR (see the last table of this module's documentation).
 const LONG_SECONDS: f64 = 45.0;
-/// Least limit in steps of a long run.
+/// A run with a limit in steps is long only if the limit is at least this.
 const LONG_STEPS: u32 = 15_000;
 
 /// Whether a run is long. A limit in seconds, if set, must be at least `LONG_SECONDS`; a limit in steps, if set, must
@@ -93,9 +97,9 @@ pub fn is_long(budget: &Budget) -> bool {
         && budget.steps.is_none_or(|steps| steps >= LONG_STEPS)
 }
 
-/// Adapts the settings to a long run, which learns more detail than the preset's table entries hold. Doubles the
-/// entries of a level, and stores them in int8, so that the file is no larger. Settings that differ from the preset's
-/// or that are set in `chosen` do not change.
+/// Adapts the settings to a long run, which learns more detail than the preset's table entries hold. Doubles the number
+/// of entries of each level, and stores them in int8, so that the file is no larger. Settings that differ from the
+/// preset's or that are set in `chosen` do not change.
 pub fn for_long_run(mut config: Config, chosen: Chosen) -> Config {
     let preset = config.preset.config();
     if let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid)

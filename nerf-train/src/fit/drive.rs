@@ -8,8 +8,8 @@ use std::time::Instant;
 
 /// Number of steps between two points of the training curve, apart from the points at validations.
 pub(super) const POINT_EVERY: u32 = 20;
-/// If a step takes longer than this, in seconds, the state is serialised before the next step. A signal during that
-/// step saves this state.
+/// If a step took longer than this, seconds, the state is serialised before the next step. If a signal arrives during
+/// the next step, this state is saved.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -27,8 +27,8 @@ pub(super) trait Task {
     /// follows.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
-    /// Adds a point without validation to the training curve, if one is due at this step and the curve has none.
-    /// `ended`: whether no step follows.
+    /// Adds a point without validation to the training curve, if a point is due at this step and the curve has no point
+    /// at this step yet. `ended`: whether no step follows.
     fn note(&mut self, ended: bool);
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;

@@ -51,8 +51,8 @@ pub struct Outcome {
     pub shown: Vec<Shown>,
     /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
-    /// PSNR of an image of one colour, dB, with the best colour for each view. Mean over the validation views; without
-    /// any, over some training views. Views that show a single colour themselves are left out.
+    /// PSNR of an image of one colour, dB, with the best colour for each view. Mean over the validation views; if there
+    /// are none, over some training views. Views that show a single colour themselves are left out.
     pub flat_psnr_db: f64,
     /// Whether no view scores better than an image of one colour: the learning rate was too high, or the steps too few.
     pub flat: bool,
@@ -74,13 +74,13 @@ pub struct Outcome {
     /// Steps at which a snapshot was requested but not taken: the run ended earlier, or was resumed from a later step.
     pub missed_snapshots: Vec<u32>,
     pub steps: u32,
-    /// Number of restarts with another seed after every density had become 0.
+    /// Number of restarts with another seed. A run restarts if all densities have become 0.
     pub reseeds: u32,
     pub parameters: usize,
     pub occupied_share: f32,
     /// Seconds from the start until the last step, reading and validation included.
     pub train_seconds: f64,
-    /// Two rates per second of training: samples whose density was evaluated, and samples trained on.
+    /// Samples per second of training: those whose density was evaluated, and those that were trained on.
     pub samples_per_second: [f64; 2],
 }
 

@@ -64,7 +64,8 @@ impl Pace {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
 
-    /// Whether there is time after `now` seconds to validate `views` views at the fewest pixels, `PROBED_PIXELS` each.
+    /// Whether there is time after `now` seconds of the run to validate `views` views on the fewest pixels:
+    /// `PROBED_PIXELS` of each view.
     pub fn affords(&self, now: f64, views: usize) -> bool {
         let coarsest = (views as u64 * PROBED_PIXELS) as f64 * self.per_pixel.unwrap_or(0.0);
         MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)
@@ -80,7 +81,7 @@ impl Pace {
 
     /// Spacing of the measured pixels along rows and columns, for validation during training and for comparisons of
     /// export candidates. `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view.
-    /// `seconds`: time for rendering.
+    /// `seconds`: time that rendering all views may take.
     pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
     }
@@ -117,8 +118,9 @@ impl Pace {
     }
 
     /// Returns the estimated seconds of the work after the last step: validation, export with its comparisons of
-    /// candidates, evaluation, and writing files. `validation`: number of pixels rendered in the evaluation, and once
-    /// more for the quantisation loss. `asked`: number of pixels rendered in each comparison.
+    /// candidates, evaluation, and writing files. 0 without a time limit. `validation`: number of pixels that the
+    /// evaluation renders; the quantisation loss is measured on at most as many. `asked`: number of pixels rendered in
+    /// each comparison.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {

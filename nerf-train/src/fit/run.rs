@@ -74,7 +74,8 @@ impl RunOptions {
     }
 
     /// If the run resumes, reads its checkpoint and calls `restore` with it. Returns the clock, with the seconds of the
-    /// checkpoint added. `config`, `data`: as in [`Checkpoint::check_belongs`].
+    /// checkpoint added. An error if the checkpoint is of a run with another `config` or `data`. `config`: this run's
+    /// settings, as JSON; `data`: name and fingerprint of the data set.
     pub(super) fn resumed(
         &self,
         clock: Clock,

@@ -32,11 +32,18 @@ const FEWER_LEVELS: usize = 2;
 /// Number of times that the configured number of entries may be doubled: only for entropy-coded tables, and if the file
 /// has room. Measured on lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 dB with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Least number of bits per value for which the file must have room if a table is entropy-coded. The second number
-/// applies if no table fits with the first. Quantisation steps are then made as fine as the file's limit allows.
-/// Measured on lego, every tenth training photograph held out; PSNR with 3.9 bits and with 2.0 bits. In 128 KiB: 30.4
-/// and 30.7 dB after 4,000 steps, 31.42 and 31.23 after 8,000, 31.83 and 31.33 after 16,000. In 256 KiB: 33.07 and
-/// 32.69 dB after 30,000 steps.
+/// Least number of bits per value of entropy-coded tables. Table settings fit into a file only if it has room for this
+/// many bits per value. The second number is used only if no settings fit with the first. With either number, the
+/// quantisation steps are then made as fine as the file's limit allows.
+///
+/// PSNR with 3.9, and with 2.0 instead of 3.9; lego, every tenth training photograph held out:
+///
+/// | file, KiB | steps | 3.9 bits | 2.0 bits |
+/// | ---: | ---: | ---: | ---: |
+/// | 128 | 4,000 | 30.4 dB | 30.7 dB |
+/// | 128 | 8,000 | 31.42 dB | 31.23 dB |
+/// | 128 | 16,000 | 31.83 dB | 31.33 dB |
+/// | 256 | 30,000 | 33.07 dB | 32.69 dB |
 const LEAST_BITS: [f64; 2] = [3.9, 0.5];
 
 /// Candidate resolutions of the coarsest level of a 2D field's grid, as multiples of the configured resolution. A finer
@@ -129,7 +136,7 @@ pub fn picture_within(
 /// of the occupancy grid that fits with them. `most_bytes`: returns the size of the largest file for given settings.
 ///
 /// Resolutions are tried in groups of [`NEIGHBOURS`] adjacent ones, the finest group first. The first group with which
-/// any table fits is used. Entropy-coded tables may use the remaining bytes.
+/// any table fits is used. Entropy-coded tables also get the remaining bytes, which allow finer quantisation steps.
 fn most_values(
     mut tables: Vec<TableConfig>,
     resolutions: &[u16],
@@ -198,8 +205,10 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
 }
 
 /// Candidate table settings, f16 before entropy-coded and many levels before few. No candidate has more levels than
-/// `own`, the configured table. Only entropy-coded candidates have more entries, by up to `more` doublings. `cells`:
-/// returns the resolutions of coarsest and finest level for a number of halvings of the entries.
+/// `own`, the configured table. Only entropy-coded candidates have more entries, by up to `more` doublings.
+///
+/// `cells(h)`: candidate resolutions `[coarsest, finest]` of the levels if the number of entries is halved `h` times; a
+/// negative `h` doubles it.
 fn tables(
     own: &TableConfig,
     chosen: Chosen,
@@ -236,16 +245,17 @@ fn tables(
     all
 }
 
-/// Largest number of occupancy cells along x, y, z, whether the grid is carved at full resolution or at half the
-/// resolution and then refined.
+/// Largest number of cells along x, y, z that an occupancy grid of this `resolution` can have. A run builds the grid
+/// either at full resolution, or at half the resolution with each cell then divided into eight. Rounding makes the
+/// numbers of cells differ.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
     std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
 }
 
-/// Size of the largest file that a run can export, bytes, with a full Pareto front and the longest numbers. `extent`:
-/// sides of the scene box.
+/// Size of the largest file that a run can export, bytes: with a full Pareto front, and with numbers whose encoding is
+/// longest. `extent`: sides of the scene box, world units.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];
@@ -296,7 +306,8 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     length(body, config.network.grid.as_ref())
 }
 
-/// Size of the largest file that a fit of a 2D field can export, bytes. `size`, `name`: of the picture that is fitted.
+/// Size of the largest file that a fit of a 2D field can export, bytes. `size`, `name`: width and height in pixels, and
+/// name, of the fitted picture.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {

@@ -144,7 +144,7 @@ impl Summary {
     }
 }
 
-/// A training photograph with a moving object, whose pixels were left out of the loss.
+/// Training photograph that shows a moving object. The object's pixels were left out of the loss.
 #[derive(Debug, Serialize)]
 pub struct MovedView {
     pub view: String,

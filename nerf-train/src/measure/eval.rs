@@ -23,9 +23,10 @@ pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 #[derive(Clone, Debug, Serialize)]
 pub struct ViewScore {
     pub view: String,
-    /// PSNR, dB; infinite if all pixels are equal.
+    /// PSNR of the rendering, dB; infinite if every pixel equals the photograph's.
     pub psnr_db: f64,
-    /// PSNR after each channel is multiplied by the gain that fits the photograph's exposure, dB.
+    /// PSNR with aligned exposure, dB. Each colour channel of the rendering is first multiplied by a gain of its own:
+    /// the gain that brings the channel nearest to the photograph's.
     pub aligned_psnr_db: f64,
     pub ssim: f64,
 }

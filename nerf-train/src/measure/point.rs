@@ -13,12 +13,12 @@ use nerf_core::render::Counters;
 /// Opacity in the exact rendering above which a pixel is solid. Distances are compared at solid pixels only.
 const SOLID: f32 = 0.5;
 
-/// Errors of one view against ground truth and against the exact rendering.
+/// Errors of one view against ground truth and against the exact rendering ([`Settings::exact`]).
 #[derive(Clone, Copy, Debug)]
 pub struct ViewErrors {
     pub psnr_db: f64,
     pub ssim: f64,
-    /// Mean squared error against the exact rendering.
+    /// Mean squared error of the colours against the exact rendering.
     pub exact_mse: f64,
     pub exact_max: f64,
     /// Absolute error of `ray_distance` against the exact rendering, summed over the pixels of opacity above 1/2, world
@@ -86,7 +86,7 @@ pub struct Point {
 pub struct Totals {
     pub views: usize,
     pub psnr_db: f64,
-    /// Mean PSNR of the exact rendering over the same views, minus `psnr_db`, dB.
+    /// Mean PSNR of the exact rendering, over the views that were rendered with these settings, minus `psnr_db`, dB.
     pub loss_db: f64,
     pub ssim: f64,
     /// PSNR against the exact rendering, dB, computed from the mean squared error over all views.
@@ -225,9 +225,9 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Exact rendering: every sample inside the scene box, with the occupancy grid only if it is part of the model,
-    /// without early ray termination, with the colour of every sample, with polynomial sines, in f32 with the fastest
-    /// instruction set.
+    /// Settings of the exact rendering. Every sample inside the scene box is evaluated and coloured, and no ray ends
+    /// early. The occupancy grid is used only if the scene file requires the grid (`occupancy_required`). Sines are
+    /// polynomial. The arithmetic is f32 with the fastest instruction set.
     pub fn exact(blob: &Blob<'_>) -> Self {
         Self { quality: Quality::exact(blob), ..Self::base() }
     }

@@ -1,5 +1,5 @@
-//! Errors of a field's surfaces against the sparse points of held-out photographs. PSNR does not reveal fog in front
-//! of plain surfaces; surface distances smaller than those of the sparse points do.
+//! Errors of a field's surfaces against the sparse points of held-out photographs. Fog in front of surfaces without
+//! texture hardly lowers PSNR. The fog shows in surface distances that are smaller than those of the sparse points.
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::{SparsePoint, View};
@@ -10,9 +10,10 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{RaySegment, RenderError, Renderer};
 use nerf_core::{Kernel, host};
 
-/// Approximate number of pixels per view, on a regular grid, at which depth is measured.
+/// Approximate number of pixels per view at which distances are measured; the pixels are on a regular grid.
 const ASKED_PIXELS: u64 = 10_000;
-/// Fraction of the distance to a view's nearest sparse point; a surface at a smaller distance is too near.
+/// Fraction of the distance to a view's nearest sparse point. A surface nearer than this fraction of that distance is
+/// too near.
 const TOO_NEAR: f32 = 0.9;
 
 /// Errors of a field's surfaces, which lie at the median distances of rays.

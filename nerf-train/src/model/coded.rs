@@ -22,8 +22,9 @@ const POWER: f32 = 0.25;
 /// per entry, almost every entry is read.
 const SHARED: usize = 8;
 
-/// Returns the quantisation step of each level. The steps are the finest with which the coded tables take at most
-/// `most_bytes`, but none is finer than in int8 storage. If `most_bytes` is `None`, they are the default steps.
+/// Returns the quantisation step of each level. The steps are the smallest with which the coded tables take at most
+/// `most_bytes`; if `most_bytes` is `None`, the default steps. No step is smaller than the step that int8 storage has
+/// at the same level ([`scale_of`]).
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -68,7 +69,7 @@ pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Ve
 }
 
 /// Entropy-codes `values` with the quantisation steps `given`. If the result exceeds `most_bytes`, multiplies all steps
-/// by one factor with which it fits. Returns the bytes and the steps used.
+/// by the smallest factor 2^(`i` / 16) with which the result fits. Returns the bytes and the steps used.
 pub(super) fn coded(
     grid: &GridEncoding,
     values: &[f32],

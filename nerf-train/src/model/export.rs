@@ -15,7 +15,8 @@ pub struct Contents<'a> {
     pub parameters: &'a [f32],
     pub tables: Tables<'a>,
     pub content: Content,
-    /// Resolution of the occupancy grid, and its bits, one per cell.
+    /// Occupancy grid, if the file gets one: number of cells along x, y, z, and one bit per cell in the order of
+    /// [`StoredOccupancy::bits`].
     pub occupancy: Option<([u16; 3], &'a [u8])>,
     pub provenance: Provenance<'a>,
 }

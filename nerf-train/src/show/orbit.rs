@@ -5,8 +5,8 @@ use nerf_core::blob::{SceneFacts, Viewpoint};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::f32::consts::TAU;
 
-/// Limit of the elevation of an orbit through the photographs' viewpoint, degrees. An unusual `up` direction would
-/// otherwise give a steep orbit.
+/// Largest elevation of an orbit through the scene file's viewpoint, degrees. Without this limit, an unusual up
+/// direction would give a steep orbit.
 const STEEPEST: f32 = 80.0;
 
 /// Circle of cameras, or an arc of one, around a centre at which all cameras look.
@@ -25,8 +25,9 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// Orbit through the viewpoint of the photographs, if the scene file has one. Otherwise an orbit around the middle
-    /// of the scene box, whose radius is the mean of near and far. `up`: up direction; `None`: the viewpoint's, or +z.
+    /// Orbit through the camera of [`SceneFacts::viewpoint`]. If the scene file has no viewpoint, an orbit around the
+    /// middle of the scene box; its radius is the mean of near and far. `up`: up direction; `None`: that of the
+    /// viewpoint, or +z without a viewpoint.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {

@@ -67,8 +67,9 @@ impl Table {
         })
     }
 
-    /// Lines of the table. `tidy` changes each cell before padding. `rule` returns the line below a column's name; its
-    /// arguments are whether the column is right-aligned, and the column's width.
+    /// Lines of the table. `tidy` changes each cell before padding. `left`, `between`, `right`: text before the first
+    /// cell of a line, between cells, and after the last. `rule` returns the dashes below a column's name; its
+    /// arguments are whether the column is right-aligned, and the column's width, characters.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,
@@ -112,8 +113,8 @@ fn cell(text: impl Into<String>) -> String {
     printable::lines(&text.into()).into_owned()
 }
 
-/// Whether a cell reads as a number, with an optional unit or sign before or after it: "27.3", "1,024", "12 %",
-/// "−0.02", "inf", "–".
+/// Whether a cell reads as a number, with an optional sign before it or unit after it: "27.3", "1,024", "12 %",
+/// "−0.02", "inf". A lone dash, such as "–", counts as a number.
 fn is_number(cell: &str) -> bool {
     let first = cell.split(' ').next().unwrap_or_default();
     let plain: String = first.trim_end_matches(['%', '×', 'x']).replace([',', '_'], "").replace('−', "-");

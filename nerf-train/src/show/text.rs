@@ -59,7 +59,8 @@ pub fn width(text: &str, size: f32) -> usize {
     layout(text, sane(size)).1.ceil() as usize
 }
 
-/// Height of a line of text of this size, pixels, with a small margin below.
+/// Height of the picture of one line of text, pixels: `size`, rounded up. `size`: line height, pixels, clamped to 1 to
+/// `LARGEST`.
 pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }
@@ -90,7 +91,8 @@ fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
     (width, coverage)
 }
 
-/// Draws one line of text with its top left corner (as it appears on the page) at (`x`, `y`).
+/// Draws one line of text into `picture`. (`x`, `y`): pixel of the top left corner of the rectangle that the text
+/// covers, whatever its direction. `size`: line height, pixels.
 ///
 /// Text outside the picture is cut off.
 pub fn draw(

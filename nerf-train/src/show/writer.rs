@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 
 pub struct Writer {
     pub output: Output,
-    /// Colour range of a distance in a video, world units.
+    /// Range of the colours of a distance, world units. `None`: each picture chooses its own, or the output is no
+    /// distance.
     pub range: Option<(f32, f32)>,
     /// Whether colour is written with alpha; videos never have alpha.
     pub transparent: bool,
@@ -29,7 +30,7 @@ pub enum Sink {
 pub struct Written {
     pub path: PathBuf,
     /// Number of the next frame, if the folder has a file of this number from an earlier run; else `None`. Always
-    /// `None` if several shards write into the folder.
+    /// `None` if several processes share the folder, each with a part of the frames.
     pub older_from: Option<usize>,
 }
 

@@ -1,20 +1,21 @@
 //! Handling of signals that ask the process to end (SIGINT, SIGTERM, SIGHUP).
 //!
-//! A separate thread waits for signals, so that no busy thread can delay them, such as a thread that renders a tile or
-//! reads a fifo. The work that a command would lose decides what the signal thread does:
+//! A separate thread, the signal thread, waits for signals, so that no busy thread can delay them, such as a thread
+//! that renders a tile or reads a fifo. What the signal thread does depends on the work that would be lost:
 //!
-//! - no work: the thread does the short work that a [`Note`] holds, ends child processes, removes temporary files,
-//!   prints the note's message, and ends the process with status `128 + signal`;
-//! - work that a loop saves between two steps ([`Claim`]): the thread waits for the loop, which polls [`requested`].
-//!   After dropping its claim, the loop has the time [`LAST_WORD`] to report the save and to end with [`status`];
-//! - work of a loop in a long operation ([`Claim::cover`]): the thread writes the files that the loop has handed over,
-//!   and ends the process.
+//! - Nothing would be lost: the thread runs the task of the [`Note`], if there is one, ends child processes, removes
+//!   temporary files, prints the note's message, and ends the process with status `128 + signal`.
+//! - A loop saves its work between two steps ([`Claim`]): the thread waits for the loop, which polls [`requested`].
+//!   After dropping its claim, the loop has the time [`LAST_WORD`] to report the save and to end with [`status`].
+//! - A loop with unsaved work is in a long operation ([`Claim::cover`]): the thread writes the files that the loop has
+//!   handed over, and ends the process.
 //!
 //! A further signal changes nothing: a save that the first signal has begun is completed. A signal that the process was
 //! started to ignore, such as SIGHUP under `nohup`, stays ignored.
 //!
-//! Child processes inherit the blocking of these signals, and do not see a terminal's Ctrl-C (`crate::system::child`).
-//! Each child lives until this process, or the signal thread, ends the child.
+//! The signals are blocked in all threads; only the signal thread receives them. Child processes inherit the blocking,
+//! and do not see a terminal's Ctrl-C (`crate::system::child`). A child therefore runs until the code that started it,
+//! or the signal thread, ends it.
 
 use crate::system::lock;
 use crate::system::output::{remove_temporaries, write_atomic};
@@ -27,7 +28,7 @@ use std::time::Duration;
 /// Time limit for the owner of a [`Claim`] to report what it saved and to end the process. It starts when the owner
 /// drops the claim after a signal.
 pub const LAST_WORD: Duration = Duration::from_millis(800);
-/// Time limit for the work of a [`Note`].
+/// Time limit for the task of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
 /// Time limit for ending child processes. Also the limit for printing the message, which a full pipe may block.
 const TIDYING: Duration = Duration::from_millis(200);
@@ -110,10 +111,10 @@ impl Drop for Claim {
     }
 }
 
-/// Contents of a [`Note`]: message to print on a signal if no work is claimed, and work to do before it is printed.
+/// Contents of a [`Note`]: message to print on a signal if no work is claimed, and task to run before.
 struct Words {
     message: String,
-    /// Work to do before the message, with its name in the message.
+    /// Task to run before the message is printed, and its name in the message.
     last: Option<(&'static str, LastWork)>,
 }
 
@@ -138,8 +139,8 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Registers work to do on a signal, before the message is printed; it must take less than a second. `what`: name
-    /// of the work in the message.
+    /// Registers a task that runs on a signal, before the message is printed; it must take less than a second. `what`:
+    /// name of the task in the message.
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));

@@ -50,17 +50,21 @@ const COARSE_HULL: u16 = 64;
 /// In an unbounded scene without sparse points, space nearer to a camera than this is taken as empty. Unit: radii of
 /// the uncontracted ball.
 const NEAR_RADII: f32 = 0.1;
-/// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
+/// Distance from the camera at which rays of an unbounded scene without sparse points end, in radii of the uncontracted
+/// ball.
 const FAR_RADII: f32 = 100.0;
-/// Least distance between the two cameras that must see a cell before it counts as occupied, in radii of the
-/// uncontracted ball.
+/// Least distance between two cameras, in radii of the uncontracted ball. A cell counts as occupied only if two cameras
+/// at least this far apart see it.
 const APART_RADII: f32 = 0.05;
-/// Space is taken as empty up to this distance from a camera. First number: quantile of the distances from cameras to
-/// the points they see. Second number: factor on that quantile.
+/// Quantile and factor. In an unbounded scene with sparse points, space nearer to a camera than a limit is taken as
+/// empty. The limit is this quantile of the distances from the cameras to the points in their photographs, times the
+/// factor.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
-/// Radius of the uncontracted ball if all cameras look nearly the same way; numbers as in [`ALL_VIEWS`].
+/// Quantile and factor. If all cameras look nearly the same way, the radius of the uncontracted ball is this quantile
+/// of the distances from the cameras to the points in their photographs, times the factor.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Distance at which rays end; numbers as in [`ALL_VIEWS`].
+/// Quantile and factor. Rays of an unbounded scene with sparse points end at this quantile of the distances from the
+/// cameras to the points in their photographs, times the factor.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.
@@ -97,8 +101,9 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     Ok(Bounds { near, far, scene_box, contraction: None, empty_before: near })
 }
 
-/// Bounds of an unbounded scene. The uncontracted ball is centred on the point that the cameras look at. If all cameras
-/// look in nearly the same direction, the centre is the mean of their positions.
+/// Bounds of an unbounded scene. `power`: power of the contraction ([`Contraction::power`]). The uncontracted ball is
+/// centred on the point that the cameras look at. If all cameras look in nearly the same direction, the centre is the
+/// mean of their positions.
 fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();

@@ -136,8 +136,8 @@ impl Checkpoint {
     }
 
     /// Checks the counters, averaged parameters and curve, since a valid checksum does not prove that this program
-    /// wrote the file. `average`: the run's own average. Returns the name of the first part that does not fit; `None`
-    /// if all fit.
+    /// wrote the file. `average`: averaged parameters of the run that resumes. Returns the name of the first part that
+    /// does not fit; `None` if all fit.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -160,7 +160,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
 }
 
 /// Settings that must not change when a run is resumed, as JSON (TOML has no u64 for the seed). The number of steps may
-/// change. For a learned grid, the number of samples is left out, too: it follows from other settings.
+/// change, and is set to 1 here. With a learned grid, the number of samples follows from other settings, and is set to
+/// 1, too.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();

@@ -40,8 +40,8 @@ const OFF: (f32, f32) = (3.0, 0.03);
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
 /// Number of nearest cameras whose photographs a region is compared with.
 const NEIGHBOURS: usize = 2;
-/// Fraction of a region's patches. If at least this fraction also has large errors in the photograph of one of the
-/// nearest cameras, the field is wrong there, and the region is not masked.
+/// Limit on the fraction of a region's patches that also have large errors in the photograph of one of the nearest
+/// cameras. From this fraction on, the field is wrong there, and the region is not masked.
 const SHARED: f32 = 0.5;
 /// If more than this fraction of all patches would be masked, none is: the whole capture is then wrong, not one object.
 const MOST: f32 = 0.3;
@@ -77,7 +77,7 @@ impl Tiles {
         self.first + y as usize * self.columns + x as usize
     }
 
-    /// Indices of `patch` and its up to eight neighbours; index 0 is the photograph's first patch.
+    /// Indices of `patch` and its up to eight neighbours. Patches are counted row by row within the photograph, from 0.
     fn around(&self, patch: usize) -> impl Iterator<Item = usize> + use<> {
         let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
         let columns = self.columns;
@@ -178,8 +178,8 @@ impl Moving {
         }
     }
 
-    /// Adds colour errors of rays to the sums of their patches. `errors`: index of a ray in `batch`, and its error in
-    /// red, green and blue.
+    /// Adds colour errors of rays to the sums of their patches. `errors`: index of a ray in `batch`, and signed error
+    /// of its red, green and blue, for colours of 0 to 1.
     pub fn add<'e>(&mut self, batch: &Batch, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
         for &(ray, [r, g, b]) in errors {
             let at = batch.views.get(ray as usize).zip(batch.pixels.get(ray as usize));
@@ -221,9 +221,9 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph. The mean signed error of the 3 × 3 patches around it is taken, minus the
-    /// photograph's median of these means. The error is the root mean square over the channels. `None` if these patches
-    /// have fewer than `KNOWN` rays.
+    /// Error of each patch of a photograph; `None` if the patch and its neighbours have fewer than `KNOWN` rays. For
+    /// each channel, the mean signed error of the rays in this 3 × 3 neighbourhood is computed, and the median of these
+    /// means over the photograph is subtracted. The patch's error is the root mean square of the three differences.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {
@@ -324,7 +324,8 @@ mod tests {
 
     const SIDE: u32 = 80;
 
-    /// Photographs with a mask after one update. `error`: colour error as a function of photograph, column and row.
+    /// Photographs with a mask after one update. `error`: colour error of a pixel, as a function of photograph, column
+    /// and row.
     fn decided(moving: &mut Moving, views: &[View], error: impl Fn(usize, u32, u32) -> f32) -> Vec<Moved> {
         for view in 0..views.len() {
             let pixels: Vec<u32> = (0..SIDE * SIDE).collect();
@@ -343,7 +344,8 @@ mod tests {
         demo::small(9, 1, SIDE).train
     }
 
-    /// Error of alternating sign and mean zero, as texture has that is not fitted yet.
+    /// Error like that of a fine texture before it is fitted: `size` and −`size` in turn from pixel to pixel, with mean
+    /// zero.
     fn grain(x: u32, y: u32, size: f32) -> f32 {
         if (x + y).is_multiple_of(2) { size } else { -size }
     }

@@ -30,18 +30,19 @@ const RATES: [f32; 2] = [0.3, 0.01];
 /// at the beginning of the run. Second number: from the fraction `SHARP_FROM` of the run on.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Least motion of the image in the first [`TRIAL`] steps with which poses stay refined: median over the photographs,
-/// in focal lengths. Correct poses move by 0.002 to 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses that
-/// are wrong by half a degree to one degree move by 0.013.
+/// Limit on the motion of the image in the first [`TRIAL`] steps: median over the photographs, in focal lengths. If the
+/// motion is smaller, the given poses are kept. Correct poses move by 0.002 to 0.006, and refining them costs 0.1 to
+/// 0.4 dB of PSNR. Poses that are wrong by half a degree to one degree move by 0.013.
 const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
-/// Factor of the lever in [`hold`]: the length by which camera translations are divided to weigh as much as rotations.
-/// The lever is this factor times the cameras' mean distance from the scene's centre. Simulated on the cameras of the
-/// scene fox, with random errors of half a degree to one degree and 1 %: the common motion that `hold` leaves moves the
-/// image by 0.66 pixels with a factor of 0.5, 0.74 with 1, and 0.82 if only rotations count. A lever proportional to
-/// the cameras' distance from their own centre is unstable if cameras are close together.
+/// Factor in the lever of [`hold`]. The lever is a length; camera translations are divided by it, so that they weigh as
+/// much as rotations. The lever is this factor times the cameras' mean distance from the scene's centre. The factor was
+/// simulated on the cameras of the scene fox. They had random errors: rotations by half a degree to one degree, and
+/// translations by 1 % of the distance. The common motion that `hold` leaves moves the image by 0.66 pixels with a
+/// factor of 0.5, by 0.74 with 1, and by 0.82 if only rotations count. A lever proportional to the cameras' distance
+/// from their own centre is unstable if cameras are close together.
 const LEVER: f32 = 0.5;
 
 /// Motion of a camera in the axes of the world: rotation vector, radians, then translation, world units.
@@ -85,8 +86,8 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine, and the finding about the given poses. The first is `None` if the poses stay as
-    /// given, the second if nothing is known yet. `sights`: whether the data set has lines of sight.
+    /// Returns the poses to refine, or `None` if the given poses are kept. Also returns the finding about the given
+    /// poses, or `None` if nothing is known yet. `sights`: whether the data set has lines of sight.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -314,8 +315,8 @@ fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
 
 /// Removes the motion common to all cameras, which the photographs cannot determine: rotation about the cameras'
 /// centre, translation, and scaling. The common rotation is a least-squares fit to the cameras' rotations and
-/// translations. Translations are divided by the lever: [`LEVER`] times the cameras' mean distance from the scene's
-/// centre.
+/// translations. Translations are divided by a length, the lever: [`LEVER`] times the cameras' mean distance from the
+/// scene's centre.
 fn hold(moved: &mut [Twist], given: &[View], contraction: &Contraction) {
     let count = moved.len().max(1) as f32;
     let places = || given.iter().map(|view| view.camera.pose().position);

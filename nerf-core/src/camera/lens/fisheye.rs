@@ -33,8 +33,8 @@ impl Lens {
     /// The unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
     ///
     /// Finds the smallest angle to the axis that is seen as far from the principal point as `(xd, yd)`, by Newton's
-    /// method inside a bracket. `None` if all angles up to π are seen closer to the principal point. `None` also if the
-    /// lens folds at a smaller angle: beyond a fold, the seen distance no longer grows with the angle.
+    /// method inside a bracket. `None` if no angle up to π is seen at that distance. `None` also if the lens folds
+    /// before that distance is reached: beyond a fold, the seen distance no longer grows with the angle.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {
@@ -73,8 +73,9 @@ impl Lens {
         (off <= 1e-6 * seen.max(1.0)).then_some(theta)
     }
 
-    /// Brackets the angle that is seen at distance `seen`: returns a smaller and a larger angle. `None` if the lens
-    /// folds at a smaller angle, or if all angles up to π are seen closer to the principal point.
+    /// Brackets the angle that is seen at distance `seen` (focal lengths) from the principal point: returns a smaller
+    /// and a larger angle, radians. `None` if the lens folds before that distance is reached, or if all angles up to π
+    /// are seen closer to the principal point.
     fn angles_around(&self, seen: f32) -> Option<(f32, f32)> {
         let mut low = 0.0;
         for step in 1..=STEPS {
@@ -93,8 +94,8 @@ impl Lens {
         None
     }
 
-    /// Returns the largest angle between `low` and `high` up to which the distance from the image centre grows with the
-    /// angle from the axis. The lens folds there.
+    /// Returns the angle at which the lens folds: the seen distance from the principal point stops growing with the
+    /// angle. The distance grows at the angle `low`, and no longer grows at `high` (radians).
     fn last_rising(&self, mut low: f32, mut high: f32) -> f32 {
         for _ in 0..24 {
             let middle = 0.5 * (low + high);

@@ -3,11 +3,12 @@
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// Limit of the distortion's slope, and of the determinant of its Jacobian. The lens folds where one of them is at most
-/// this. Past a fold, one image point shows two directions.
+/// Limit of two quantities: the distortion's slope along a line from the axis, and the determinant of the distortion's
+/// Jacobian. The lens folds where either is at most this. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
-/// Limit of the minima of the distortion's slope along a line from the axis. A lens with a minimum of at most this
-/// counts as folded too, since Newton's method may jump over the minimum (measured: over minima up to 0.01).
+/// Limit of a minimum of the distortion's slope along a line from the axis. If the minimum is at most this, the lens
+/// counts as folded, even though the slope may stay above [`FOLD`]: Newton's method may jump over a minimum that low
+/// (measured: up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -36,23 +37,26 @@ impl Lens {
         )
     }
 
-    /// The ideal (undistorted) point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`], by Newton's method
-    /// from `(xd, yd)`.
+    /// The ideal (undistorted) point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`]. Both points are in
+    /// normalised image coordinates.
     ///
-    /// `None` if the lens folds (the Jacobian's determinant is at most 1e-3 at some step), or if the residual is still
-    /// too large after 20 steps. The residual may be at most 1e-6; if a coordinate exceeds 1, this limit is multiplied
-    /// by the largest coordinate. Past a fold, one image point shows two directions, so that the model has no inverse.
+    /// - Perspective lens with `k3 k4 k5 k6` all 0: Newton's method from `(xd, yd)`, at most 20 steps. `None` if a step
+    ///   begins at or past a fold (the Jacobian's determinant is at most 1e-3).
+    /// - Other perspective lens: at most 40 Newton steps, each halved until it reduces the residual and does not pass a
+    ///   fold.
+    /// - Fisheye: [`Lens::direction`], scaled so that its forward component is 1; `None` if that direction does not
+    ///   point forward.
+    ///
+    /// With a perspective lens, also `None` if the residual is still above 1e-6 after the last step. If a coordinate
+    /// exceeds 1 in magnitude, this limit is multiplied by the largest magnitude. Past a fold, one image point shows
+    /// two directions, so that the model has no inverse.
     ///
     /// # Domain
-    /// The finite points around the axis up to the fold. If `k1 < 0` and all other coefficients are 0, these points
-    /// fill, to within a hundredth, a circle of radius `2/3 / √(−3 k1)`. With `k1, k2 >= 0` and no tangential part
-    /// there is no fold: 20 steps suffice if the lens moves the ideal point to at most 10 times its distance from the
-    /// axis. For other lenses success cannot be predicted; [`Camera::new`](crate::camera::Camera::new) tries a grid of
-    /// image points, unless the distortion is too weak to fail.
-    ///
-    /// If one of `k3 k4 k5 k6` is not 0, up to 40 steps are tried. A step is halved if it does not reduce the residual
-    /// or if it passes the fold. For a fisheye, the result is [`Lens::direction`], scaled so that its forward component
-    /// is 1; `None` if that direction does not point forward.
+    /// The seen points `(xd, yd)` around the axis up to the fold. If `k1 < 0` and all other coefficients are 0, these
+    /// points fill, to within a hundredth, a circle of radius `2/3 / √(−3 k1)`. If `k1, k2 >= 0` and all other
+    /// coefficients are 0, there is no fold, and 20 steps suffice if the seen point is at most 10 times as far from the
+    /// axis as the ideal point. For other lenses success cannot be predicted:
+    /// [`Camera::new`](crate::camera::Camera::new) tries a grid of image points.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
@@ -99,8 +103,8 @@ impl Lens {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }
 
-    /// The ideal (undistorted) point that is seen at `(xd, yd)`, by damped Newton steps: a step is halved if it does
-    /// not reduce the residual or if it passes a fold. Lenses with `k3 k4 k5 k6` need this, since full steps may
+    /// The ideal (undistorted) point that is seen at `(xd, yd)`, by damped Newton steps: a step is halved until it
+    /// reduces the residual and does not pass a fold. Lenses with `k3 k4 k5 k6` need this, since full steps may
     /// diverge. `None` if 40 steps do not find the point.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
@@ -157,8 +161,8 @@ impl Lens {
 
     /// Upper bound on the operator norm of [`Self::jacobian`] minus the identity, anywhere within `r` of the axis.
     ///
-    /// The radial part's slopes are `3 k1 r² + 5 k2 r⁴` along `r` and less across; the tangential part's Jacobian is
-    /// `2 (p·q) I + 2 (p qᵀ + q pᵀ)` with `p = (p2, p1)` and `q` the point.
+    /// The slope of the radial part, less 1, is `3 k1 r² + 5 k2 r⁴` along the radius and smaller across. The tangential
+    /// part's Jacobian is `2 (p·q) I + 2 (p qᵀ + q pᵀ)` with `p = (p2, p1)` and `q` the point.
     pub(super) fn bend(&self, r: f32) -> f32 {
         let r2 = r * r;
         r2 * (3.0 * self.k1.abs() + 5.0 * self.k2.abs() * r2) + 6.0 * (self.p1.abs() + self.p2.abs()) * r
@@ -168,10 +172,12 @@ impl Lens {
     /// within `radius` of the axis, and no fold lies between the axis and the ideal point: a camera's lens needs no
     /// further check.
     ///
-    /// Proof: let `b`, [`Self::bend`] at 9/7 of `radius`, be at most 1/8. Then `x ↦ seen − (distort(x) − x)` contracts
-    /// the disc of 8/7 `radius` into itself, which thus holds one ideal point. Newton's method starts within 1/7
-    /// `radius` of that point. Each step multiplies the distance to that point by at most `2b / (1 − b)`, which is at
-    /// most 2/7, without leaving the disc of 9/7 `radius`.
+    /// Proof: let `seen` be a point within `radius` of the axis, and let `b = bend(9/7 radius)` be at most 1/8
+    /// ([`Self::bend`]). The map `x ↦ seen − (distort(x) − x)`, whose fixed point is the ideal point, contracts the
+    /// disc of radius `8/7 radius` into itself, so that the disc holds exactly one ideal point. Newton's method starts
+    /// at `seen`, which is within `1/7 radius` of that point. Each step multiplies the distance to that point by at
+    /// most `2b / (1 − b)`, which is at most 2/7. No step leaves the disc of radius `9/7 radius`, in which `b` bounds
+    /// the bend.
     ///
     /// `false` for fisheyes and for lenses with `k3 k4 k5 k6`, to which the proof does not apply.
     pub(crate) fn is_gentle(&self, radius: f32) -> bool {
@@ -195,8 +201,9 @@ impl Lens {
         (!from_axis || !folds()).then_some(dir)
     }
 
-    /// Whether Newton's method may start at `(xd, yd)`, which is further from the axis than the solution. True if no
-    /// fold lies between the axis and the start, and the first step cannot jump across the axis.
+    /// Whether Newton's method may start at the seen point `(xd, yd)`. The caller knows that this point is further from
+    /// the axis than the solution. True if no fold lies between the axis and the start, and the first step cannot jump
+    /// across the axis.
     fn starts_well(&self, xd: f32, yd: f32) -> bool {
         let (fx, fy) = self.distort(xd, yd);
         let (ex, ey) = (fx - xd, fy - yd);
@@ -208,8 +215,8 @@ impl Lens {
 
     /// Whether the distortion folds between the axis and the ideal point `(x, y)`.
     ///
-    /// If Newton's method starts beyond a fold, its result also lies beyond the fold. A real lens shows another
-    /// direction there.
+    /// If Newton's method starts beyond a fold, its result also lies beyond the fold, and is wrong: at that image
+    /// point, a real lens shows the direction before the fold.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {
@@ -245,9 +252,10 @@ impl Lens {
         })
     }
 
-    /// Whether the distortion folds between the axis and `(x, y)`, tested at 128 points of that segment. The lens folds
-    /// if at one of the points the slope along the segment, the determinant of the distortion's Jacobian or the
-    /// denominator of the radial factor is at most [`FOLD`].
+    /// [`Self::folds_before`] for lenses with `k3 k4 k5 k6`: whether the distortion folds between the axis and the
+    /// ideal point `(x, y)`, tested at 128 points of that segment. The lens folds if one of three values is at most
+    /// [`FOLD`] at one of the points: the slope along the segment, the determinant of the distortion's Jacobian, or the
+    /// denominator of the radial factor.
     fn folds_on_the_way(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         (1..=128u8).any(|step| {

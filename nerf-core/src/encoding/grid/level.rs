@@ -7,7 +7,7 @@ pub(super) const HASH_Y: u32 = 2_654_435_761;
 /// Factor of z in the hash: Müller et al.'s third prime.
 pub(super) const HASH_Z: u32 = 805_459_861;
 
-/// One level of a [`GridEncoding`].
+/// One level of a [`GridEncoding`]: its numbers of cells, and its range of entries in the tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GridLevel {
     /// Index of the level among the grid's levels, from 0.
@@ -26,8 +26,8 @@ impl GridLevel {
     /// Index of the entry of vertex `(0, y, z)`, counted from [`GridLevel::first`]. The entry of `(x, y, z)` is `x`
     /// entries further.
     ///
-    /// Dense level of nx · ny · nz cells: `(z (ny + 1) + y) (nx + 1)`. Hashed level: `(h ⊕ h >> 15) & mask` with
-    /// `h = y · 2654435761 ⊕ z · 805459861` modulo 2^32.
+    /// Dense level of nx · ny · nz cells: `(z (ny + 1) + y) (nx + 1)`. Hashed level: `(h ⊕ (h >> 15)) & mask` with
+    /// `h = (y · 2654435761) ⊕ (z · 805459861)`, where the products are modulo 2^32.
     #[inline(always)]
     pub fn row(&self, y: u32, z: u32) -> u32 {
         match self.mask {
@@ -43,7 +43,7 @@ impl GridLevel {
     }
 }
 
-/// Number of entries of a level, and whether the level is hashed.
+/// Number of entries of a level with `resolution` cells along x, y, z, and whether the level is hashed.
 pub(super) fn entries(resolution: [u16; 3], log2_entries: u8) -> (u64, bool) {
     let vertices: u64 = resolution.iter().map(|&cells| u64::from(cells) + 1).product();
     let most = 1 << log2_entries.min(MAX_LOG2_ENTRIES);

@@ -36,7 +36,8 @@ use serde::{Deserialize, Serialize};
 
 /// Maximum number of levels of a grid.
 pub const MAX_GRID_LEVELS: usize = 32;
-/// Maximum number of cells of a level along one axis. Up to this number, interpolation weights have at least ten bits.
+/// Maximum number of cells of a level along one axis, 2^14. Up to this number, an f32 position counted in cells has at
+/// least ten bits after the binary point; these bits are the interpolation weight.
 pub const MAX_GRID_RESOLUTION: u16 = 16_384;
 /// Maximum of [`GridEncoding::log2_entries`], the binary logarithm of the size of a hash table.
 pub const MAX_LOG2_ENTRIES: u8 = 24;

@@ -78,7 +78,8 @@ fn cells_along(bounds: &SceneBox, axis: usize, cells: u32, x: f32) -> f64 {
     u.clamp(0.0, 1.0) * f64::from(cells)
 }
 
-/// Index and f64 weight of each vertex of the cell around `x`, from the grid's definition.
+/// Index of the table entry (counted from the level's first entry) and f64 interpolation weight of each vertex of the
+/// cell that contains `x`. Computed from the grid's definition.
 fn vertices(grid: &GridEncoding, level: usize, bounds: &SceneBox, x: &[f32]) -> Vec<(usize, f64)> {
     let cells = grid.resolutions[level].map(u32::from);
     let most = 1u64 << grid.log2_entries;
@@ -115,8 +116,8 @@ fn first_entry(grid: &GridEncoding, level: usize) -> usize {
     grid.resolutions[..level].iter().map(entries).sum()
 }
 
-/// Encodes `x` in f64. Returns each value with a bound on the error that f32 makes by rounding the position and the
-/// sum.
+/// Encodes the position `x` in f64. Returns each encoded value with a bound on the error of the f32 kernels, which
+/// round the position and the sum.
 fn oracle(grid: &GridEncoding, values: &[f32], bounds: &SceneBox, x: &[f32]) -> Vec<(f64, f64)> {
     let (features, ulp) = (usize::from(grid.features), 2f64.powi(-24));
     let mut out = vec![];
@@ -246,7 +247,7 @@ fn every_isa_is_the_oracle(grid: &GridEncoding, stored: TableValues<'_>, values:
     }
 }
 
-/// `entry`, `weight` and `x` of the [`GridCorners`] of a block at one level. `weight` and `x` are bit patterns.
+/// The [`GridCorners`] of a block at one level: `entry`, and the bit patterns of `weight` and of `x`.
 type Read = (Vec<u32>, Vec<u32>, Vec<u32>);
 
 fn corners(isa: Isa, grid: &GridEncoding, level: &GridLevel, bounds: &SceneBox, x: &[f32]) -> Read {
@@ -488,8 +489,7 @@ fn what_a_machine_without_vectors_runs_has_the_same_bits() {
 mod derivative {
     use super::*;
 
-    /// Gradient of `Σ of · encoded` (the sum of the encoded values, weighted by `of`) with respect to the positions:
-    /// `[inputs][stride]`.
+    /// Gradient, with respect to the positions, of the sum of the encoded values weighted by `of`: `[inputs][stride]`.
     fn gradient(
         isa: Isa,
         grid: &GridEncoding,
@@ -535,8 +535,8 @@ mod derivative {
         }
     }
 
-    /// Derivative of `Σ of · encoded` at `x` with respect to coordinate `axis`, in f64, inside the cell that contains
-    /// `x`.
+    /// Derivative at `x`, with respect to coordinate `axis`, of the sum of the encoded values weighted by `of`.
+    /// Computed in f64, inside the cell that contains `x`.
     fn truth(
         grid: &GridEncoding,
         values: &[f32],

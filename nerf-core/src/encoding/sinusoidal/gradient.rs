@@ -11,12 +11,12 @@ use core::f32::consts::PI;
 /// `encoded`: `[outputs][stride]`, from [`encode_block`](super::encode_block). `of_encoded`: `[outputs][stride]`,
 /// ∂f/∂encoded. `of_x`: `[inputs][stride]`, set to ∂f/∂x. `stride` as for `encode_block`.
 ///
-/// `d sin(2^k s x)/dx = 2^k s cos(2^k s x)` and `d cos(2^k s x)/dx = −2^k s sin(2^k s x)`: sines and cosines are
-/// among the encoded values, so that no angle is computed again.
+/// At level `k`, `d sin(2^k s x)/dx = 2^k s cos(2^k s x)` and `d cos(2^k s x)/dx = −2^k s sin(2^k s x)`, where `s` is 1
+/// or π ([`AngleScale`]). The sines and cosines are among the encoded values, so that no angle is computed again.
 ///
 /// `blur`: standard deviation, world units, of a Gaussian around each sample. The gradient is averaged over this
-/// Gaussian, as if `f` were linear in the encoded values: level `k` is multiplied by `exp(−½ (2^k s blur)²)`. With 0
-/// nothing is averaged.
+/// Gaussian: level `k` is multiplied by `exp(−½ (2^k s blur)²)`. This average is exact only if `f` is linear in the
+/// encoded values. With 0 nothing is averaged.
 ///
 /// # Source
 /// Barron et al. 2021 (mip-NeRF), eq. 13: the encoding's mean over a Gaussian.
@@ -49,7 +49,8 @@ struct Gradient<'a> {
     encoding: &'a SinusoidalEncoding,
     stride: usize,
     s: f32,
-    /// Factor of each level `k` in the derivative: `2^k` times `exp(−½ (2^k s blur)²)`, the factor of the blur.
+    /// Factor of each level `k` in the derivative, without the factor `s`, which is the same at all levels: `2^k` times
+    /// the blur's factor `exp(−½ (2^k s blur)²)`.
     factors: [f32; MAX_LEVELS as usize],
     encoded: &'a [f32],
     of_encoded: &'a [f32],

@@ -13,8 +13,8 @@ use std::vec::Vec;
 
 const STRIDE: usize = 64;
 
-/// Rounding errors of one kernel. The errors of one operation in a sum, of a weight and of an activation are relative.
-/// The error of a sine is absolute.
+/// Largest rounding errors of one kernel. Relative: of one addition or multiplication in a sum, of a stored weight, of
+/// a stored activation. Absolute: of a sine or cosine.
 #[derive(Clone, Copy)]
 struct Rounding {
     sums: f64,
@@ -64,7 +64,8 @@ fn scale_of(e: &SinusoidalEncoding) -> f64 {
     if e.scale == AngleScale::Pi { core::f64::consts::PI } else { 1.0 }
 }
 
-/// Sine and cosine of `2^level s x`. With `s = π`, `2^level x` is reduced modulo 2 before it is multiplied by π.
+/// Sine and cosine of `2^level s x`, where `s` is the encoding's frequency scale, 1 or π. With `s = π`, `2^level x` is
+/// reduced modulo 2 before it is multiplied by π.
 fn sin_cos(e: &SinusoidalEncoding, level: usize, x: f64) -> (f64, f64) {
     let u = 2f64.powi(level as i32) * x;
     match e.scale {
@@ -167,7 +168,8 @@ fn oracle(a: &Architecture, p: &[f32], x: [f64; 3], r: Rounding) -> Oracle {
     Oracle { raw, gradient, third, on, ambiguous }
 }
 
-/// Architectures with skips, softplus, `s = 1` and `s = π`, with and without identity, few and many levels.
+/// Architectures with skips, with softplus, and with sinusoidal encodings of several kinds: frequency scale `s` 1 or π,
+/// with and without the position itself among the outputs (identity), few and many levels.
 fn architectures() -> Vec<(&'static str, Architecture)> {
     let softplus = Architecture { density: Some(DensityActivation::ShiftedSoftplus), ..every_kind() };
     let bare = |scale, levels| SinusoidalEncoding { inputs: 3, levels, scale, identity: false };
@@ -197,7 +199,8 @@ fn gradients(network: &Network<'_>, math: MathBackend, stride: usize, positions:
     blurred(network, math, stride, positions, 0.0)
 }
 
-/// Computes the gradients of a block, averaged over a Gaussian of deviation `blur`: `[3][stride]`.
+/// Computes the gradients of a block, `[3][stride]`, averaged over a Gaussian of standard deviation `blur`, world
+/// units.
 fn blurred(
     network: &Network<'_>,
     math: MathBackend,

@@ -5,7 +5,7 @@
 //! | [`Jitter`] | `jitter` | a hash for each bin that is tested for occupancy |
 //! | anti-aliasing | `anti-aliasing` | several rays a pixel, and memory for the sums of a tile's pixels |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
-//! | [`Tone`] | `tone-map` | three powers `x^p` a ray and three a pixel; with linear output, three a coloured sample |
+//! | [`Tone`] | `tone-map` | three powers `x^p` per ray and pixel; for linear output, per ray and coloured sample |
 //!
 //! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame
 //! ([`crate::render`]; for [`Jitter`], [`crate::sampling`]). In a build without its feature, a sibling `*_off.rs` with
@@ -61,8 +61,8 @@ impl ThinLens {
     pub const LARGEST: f32 = 1e9;
 }
 
-/// Exposure, tone curve and linear output: the settings that convert the network's display-encoded (sRGB) colours to
-/// linear light.
+/// Exposure, tone curve and linear output. All three act on linear light: the network's display-encoded (sRGB) colours
+/// are decoded first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
     /// Exposure, stops (doublings of the light): −[`Tone::MAX_STOPS`] to [`Tone::MAX_STOPS`]; 0 changes nothing.
@@ -71,7 +71,8 @@ pub struct Tone {
     pub map: ToneMap,
     /// Whether the output is linear light, unbounded above, in place of sRGB in `[0, 1]`. If so, the background and the
     /// colours of samples are decoded from sRGB to linear light before compositing. With
-    /// [`Shading::PerRay`](crate::network::Shading), the colour of each ray is decoded instead.
+    /// [`Shading::PerRay`](crate::network::Shading), samples have no colours: each ray's shaded colour is decoded
+    /// before the background is added.
     pub linear: bool,
 }
 

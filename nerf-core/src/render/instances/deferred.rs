@@ -93,7 +93,8 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Returns the buffers that shade rays, and the weighted sums of `h` of field `member` for the first `count` rays.
+    /// Returns the buffers for evaluating the colour branch once per ray, and the weighted sums of `h` of field
+    /// `member` for the first `count` rays.
     pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
         let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
         (&mut self.networks, sums)

@@ -2,7 +2,8 @@
 //!
 //! A ray is composited segment by segment: densities add, and colours are averaged with densities as weights. When a
 //! ray reaches the next bin of a field, the ray waits until the field's network is evaluated there. Samples of rays
-//! that wait for the same network form a block. A field that is hidden behind another is therefore not evaluated.
+//! that wait for the same network form a block. A ray ends when it is opaque, so that the fields behind are not
+//! evaluated.
 //!
 //! This file is longer than 400 lines, since each step of a ray reads and writes the same [`Part`]s.
 
@@ -29,8 +30,8 @@ const WALL: f32 = 1e30;
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// Position of the bin's sample along the ray, in the field's units. In an unbounded scene, the position `s` of
-    /// [`Contraction::distance`](crate::space::Contraction::distance).
+    /// Position of the bin's sample along the ray: distance, world units of the field. In an unbounded scene, the
+    /// argument `s` of [`Contraction::distance`](crate::space::Contraction::distance).
     t: f32,
     /// Start of the bin, world units from the ray's start.
     from: f32,
@@ -84,13 +85,13 @@ pub(in crate::render) struct Merge<'f, 'w> {
     parts: &'w mut [Part],
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// Contribution of each ray's direction to the colour branch ([`DirectionShares`]). The values of the first
-    /// instance come first, then those of the next. Instances may have different numbers of values.
+    /// Contribution of each ray's direction to the colour branch ([`DirectionShares`]): for each instance in turn,
+    /// `[rays][direction_rows]`. Instances may differ in `direction_rows`.
     shares: &'w mut [f32],
     deferred: Deferred<'w>,
     /// Buffers of a block of samples, large enough for the network of any instance.
     density: Density<'w>,
-    /// For each sample of a block whose colour or gradient is evaluated, the index of its ray: `[samples]`.
+    /// Index of the ray of each sample whose colour or gradient is evaluated: `[samples]`, one block.
     picked: &'w mut [u32],
     /// Buffer with two uses, `[3][samples]`: holds the directions of a block of rays, and later the colours of a block
     /// of samples.
@@ -99,8 +100,9 @@ pub(in crate::render) struct Merge<'f, 'w> {
 }
 
 impl<'f, 'w> Merge<'f, 'w> {
-    /// Reserves the buffers of a worker of `instances` in `layout`, which measures or allocates memory. The buffers of
-    /// [`Pixels`] are reserved separately. `networks`: the instances' networks. `plan`: the plan of the last instance.
+    /// Reserves the buffers of a worker that renders `instances` in `layout`, which measures or allocates memory. The
+    /// buffers of [`Pixels`] are reserved separately. `networks`: the instances' networks. `plan`: the plan of the last
+    /// instance.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         instances: &'f [Instance<'f>],
@@ -143,8 +145,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders one ray of each pixel of the tile. With `COLLIDE`, the ray's random number selects the point at which a
-    /// photon collides with a field, and the ray ends there.
+    /// Renders ray `pixels.turn` of each pixel of the tile: one of the pixel's rays. With `COLLIDE`, a ray ends at a
+    /// random point of collision, where its optical thickness reaches [`RaySource::until`].
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,

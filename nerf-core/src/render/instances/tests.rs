@@ -113,8 +113,9 @@ fn alone(file: &[u8], kernel: Kernel, camera: &Camera) -> Seen {
     view_of(&mut renderer.worker(&plan, &mut workspace).unwrap(), camera)
 }
 
-/// Largest difference of two images, for each of three kinds: colour and opacity; distances, divided by `ray_distance`
-/// if it exceeds 1; normals. Distances and normals are compared at pixels of opacity above 0.1.
+/// Largest difference of two images, for each of three kinds: colour and opacity; distances; normals. Differences of
+/// distances are divided by the `ray_distance` in `a`, or by 1 if that is larger. Distances and normals are compared at
+/// pixels of opacity above 0.1.
 fn differences(a: &[Pixel], b: &[Pixel]) -> [f32; 3] {
     let mut worst = [0.0f32; 3];
     for (a, b) in a.iter().zip(b) {

@@ -24,7 +24,8 @@ pub(in crate::render) struct RayState {
     pub end: u32,
     /// Occupancy of the bins that were last looked up in the occupancy grid.
     pub window: Window,
-    /// The bins that may have a sample in an occupied cell. Empty in builds without SIMD vectors, where every bin may.
+    /// The bins that may have a sample in an occupied cell. An empty array in builds without SIMD vectors, which look
+    /// up every bin.
     pub candidates: [CandidateBins; VECTORS as usize],
     /// Number of the ray's samples that were evaluated, without those behind the point where the ray ended.
     pub kept: u32,
@@ -167,15 +168,15 @@ pub(in crate::render) const PROPOSAL_BUILT: bool = cfg!(feature = "proposal");
 /// network gives. Empty in builds without proposals.
 pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as usize]);
 
-/// Table of sample distances, one row per ray. Empty if the frame draws no samples by a proposal network:
-/// samples then lie in the plan's bins.
+/// Table of sample distances, one row per ray. Empty if the frame uses no proposal network: samples then lie in the
+/// plan's bins.
 struct Rows<'w> {
     /// Distances of each ray's samples, ascending: `[rays][row]`. Until a ray's samples are drawn, the end of its row
     /// holds the compositing weights of its proposal bins.
     t: &'w mut [f32],
     row: usize,
-    /// Index of each sample of a block in its ray's row of `t`: `[samples]`. In the march through the proposal's bins,
-    /// index of the bin in each column of the block.
+    /// Index for each column of a block, `[samples]`. While the proposal network is evaluated: index of the proposal
+    /// bin. Later: index of the drawn sample in its ray's row of `t`.
     index: &'w mut [u32],
 }
 
@@ -278,7 +279,10 @@ impl<'w> ProposalSamples<'w> {
     }
 
     /// Draws the samples of a ray in proportion to the weights of its proposal bins `coarse`. Reads the weights from
-    /// row `from`, writes the samples' distances to row `to` and returns their number. Requires `to <= from`.
+    /// row `from`, writes the samples' distances to row `to` and returns their number. `jitter`: where each sample lies
+    /// within its stratum.
+    ///
+    /// Requires `to <= from`: the caller drops rays without occupied samples, and the rows of later rays move up.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let Some(&mut Rows { ref mut t, row, .. }) = self.0.first_mut() else { return 0 };

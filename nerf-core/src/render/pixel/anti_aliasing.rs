@@ -15,7 +15,8 @@ pub(crate) fn rays(effects: &Effects) -> u32 {
     effects.anti_aliasing.into()
 }
 
-/// Position of ray `ray` in its pixel, to the right and down, in `(0, 1)`. A single ray is at the centre.
+/// Position of ray `ray` in its pixel: distances from the left and the upper edge, pixels, in `(0, 1)`. A single ray is
+/// at the centre.
 ///
 /// Positions are the same in every pixel. `n` rays divide the pixel into `n` columns and `n` rows; each column and each
 /// row has one ray. The mean position is therefore the pixel's centre.
@@ -27,8 +28,9 @@ pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     }
 }
 
-/// Point `ray` of a Fibonacci lattice of `rays` points in the unit square. Its column is `ray`. Its row is the rank,
-/// among all points, of the fractional part of `ray` times the golden ratio.
+/// Point `ray` of a Fibonacci lattice of `rays` points in the unit square: the centre of a cell in a grid of `rays` ×
+/// `rays` cells. The cell's column is `ray`. To find the row, the fractional parts of `i` times the golden ratio are
+/// sorted, for all rays `i`; the row is the place of ray `ray`.
 #[inline(never)]
 fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
     let middle = |cell: u32| (cell as f32 + 0.5) / rays as f32;

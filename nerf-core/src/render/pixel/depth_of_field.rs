@@ -43,8 +43,8 @@ pub(crate) fn through_lens(
 /// Returns the ray from point `at` of the aperture to the point where `pinhole` meets the plane of focus. `at`: in
 /// aperture radii.
 ///
-/// The plane of focus and the aperture are perpendicular to the view axis: a point at distance `t` along the returned
-/// ray has a z_depth of `t` times the cosine between the returned ray and the view axis.
+/// The aperture is perpendicular to the view axis, so that the origins of all rays have z_depth 0. A point at distance
+/// `t` along the returned ray therefore has a z_depth of `t` times the cosine between that ray and the view axis.
 #[inline(never)]
 fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray {
     let offset = pose.rotation * (Vec3::new(at.0, at.1, 0.0) * lens.aperture_radius);
@@ -58,11 +58,11 @@ fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray 
     Ray { origin: pinhole.origin + offset, dir: (focus - offset).normalize() }
 }
 
-/// A random point of the unit disc, in ring `area` ([`area`]).
+/// A random point of the unit disc, in ring `area` ([`area`]). `stream`: the pixel's random stream ([`pixel_stream`]).
 ///
 /// Sunflower pattern: rings of equal area from the middle outwards, with successive points the golden angle apart. The
-/// position within the ring and the first angle are random for each pixel. Each point is thus uniform over its ring,
-/// and neighbouring pixels differ.
+/// position within the ring and the angle of ring 0 are random for each pixel. Each point is thus uniform over its
+/// ring, and neighbouring pixels differ.
 ///
 /// # Source
 /// Vogel 1979; deviation: random start.

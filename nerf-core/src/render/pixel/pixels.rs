@@ -39,8 +39,8 @@ impl<'f, 'w> Pixels<'f, 'w> {
         }
     }
 
-    /// Adds a ray's result to its pixel. `hit`: the tile's [`Surface`] and the ray's index; `None` if the ray has no
-    /// samples.
+    /// Adds a ray's result to its pixel. `hit`: the [`Surface`] of the tile's rays, and the ray's index among these
+    /// rays; `None` if the ray has no samples.
     #[inline(never)]
     pub fn finish<M: Math>(
         &mut self,
@@ -88,7 +88,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
     }
 
     /// Adds `seen`, the result of a ray, to pixel `(x, y)`. After the pixel's last ray, passes the pixel to `target`.
-    /// `far`: output distance if the pixel shows no surface.
+    /// `far`: distance, world units, that is output if the pixel shows no surface.
     fn put<M: Math>(&mut self, (x, y): (u32, u32), mut seen: Pixel, far: f32, target: &mut impl Target) {
         let (effects, tile) = (&self.plan.effects, self.tile);
         seen.rgb = tone::to_light::<M>(&effects.tone, seen.rgb);

@@ -10,11 +10,12 @@ use crate::simd::{Isa, MAX_LANES};
 use crate::volume::Accumulator;
 use glam::Vec3;
 
-/// Source of the rays of a tile's pixels.
+/// Source of the rays of a tile: gives each pixel's ray, the visible range of the ray, and the distance that is output
+/// for a pixel without a surface.
 pub(in crate::render) trait RaySource {
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The camera and each ray's position in its pixel, if the source is a pinhole camera without distortion or depth
-    /// of field; `None` for all other sources.
+    /// The camera, and the position of the ray within its pixel: pixels to the right and down, in `(0, 1)`, the same
+    /// for all pixels. `None` unless the source is a pinhole camera without distortion and depth of field.
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
@@ -31,8 +32,8 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Output distance of a pixel in column `x` that shows no surface, world units. Callers clamp it to the ray's
-    /// range.
+    /// Distance, world units, that is output for a pixel without a surface. `x`: the pixel's column, which selects the
+    /// ray if the rays are the caller's. Callers limit the distance to the ray's farthest visible distance.
     fn far(&self, x: u32) -> f32;
     /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {
@@ -44,9 +45,10 @@ pub(in crate::render) trait RaySource {
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,
-    /// Position of each ray in its pixel, to the right and down, in `(0, 1)`.
+    /// Position of the ray within its pixel: pixels to the right and down, in `(0, 1)`, the same for all pixels.
     offset: (f32, f32),
-    /// Index of the aperture's ring through which the rays pass.
+    /// Index of the ring of the aperture through which the rays pass. The aperture is divided into rings of equal area,
+    /// as many as a pixel has rays.
     area: u32,
     limit: &'a L,
     far: f32,
@@ -55,7 +57,7 @@ pub(in crate::render) struct CameraRays<'a, L> {
 
 impl<'a, L> CameraRays<'a, L> {
     /// Makes the source of the ray with index `turn` of every pixel. `limit`: function that takes a pixel's x and y and
-    /// returns where its ray ends. `far`: output distance of pixels without a surface, world units.
+    /// returns where its ray ends. `far`: distance, world units, that is output for pixels without a surface.
     pub fn new(camera: &'a Camera, effects: &'a Effects, turn: u32, limit: &'a L, far: f32) -> Self {
         let (offset, area) = (anti_aliasing::offset(effects, turn), depth_of_field::area(effects, turn));
         Self { camera, effects, offset, area, limit, far, forward: camera.pose().forward() }
@@ -84,8 +86,10 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     }
 }
 
-/// Rays of the caller as a source. The tile is one row of pixels: column `x` has the caller's ray `before + x`.
+/// Rays of the caller as a source. The tile is one row of pixels: the pixel in column `x` has the caller's ray whose
+/// index is `x` plus the field `before`.
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
+    /// Index of the caller's ray in column 0, a multiple of 2^31: columns start again at 0 after 2^31 rays.
     pub before: usize,
     pub ray: &'a R,
     pub placed: Placed,
@@ -123,8 +127,8 @@ pub struct RaySegment {
     pub ray: Ray,
     /// Nearest visible distance, world units along the ray; finite and at least 0.
     pub t_min: f32,
-    /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. The bin that contains
-    /// `t_max` is shortened to end there, so that opacity is continuous in `t_max`.
+    /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. The sampling interval
+    /// (bin) that contains `t_max` is shortened to end there, so that opacity is continuous in `t_max`.
     pub t_max: f32,
 }
 
@@ -173,7 +177,8 @@ pub(in crate::render) struct PixelRay {
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,
-    /// Whether the ray has ended: its transmittance is below the threshold, or it has collided.
+    /// Whether the ray has ended: its transmittance is below the plan's transmittance cut
+    /// ([`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut)), or it has collided.
     pub done: bool,
     pub gathered: Accumulator,
 }

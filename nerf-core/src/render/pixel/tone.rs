@@ -1,7 +1,8 @@
 //! Conversion of display-encoded colour to linear light and back. Exposure and tone curve are applied in linear light.
 //!
-//! For linear output, the background and the colours of samples (with deferred shading: of rays) are decoded before
-//! compositing. Otherwise display-encoded colours are composited, as in training, and ray colours are decoded once.
+//! For linear output, colours are decoded before compositing: the background and the colours of samples or, with
+//! deferred shading, the background and the colours of rays. Otherwise display-encoded colours are composited, as in
+//! training, and the composited colour of each ray is decoded.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};
@@ -52,7 +53,8 @@ impl<M: Math> Op for Decode<'_, M> {
     }
 }
 
-/// Converts a pixel's colour to the output colour. `rgb`: mean of the colours from [`to_light`] of the pixel's rays.
+/// Converts a pixel's colour to the output colour. `rgb`: mean, over the pixel's rays, of the colours that [`to_light`]
+/// returned.
 #[inline]
 pub(crate) fn to_display<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE { rgb } else { develop::<M>(tone, rgb) }

@@ -1,5 +1,6 @@
-//! Colours of samples. The samples picked from one or several blocks form a block for the colour branch. The part of
-//! the branch that depends on the direction alone is evaluated once per ray.
+//! Evaluation of the colour branch at the samples that compositing picked. If these fill most of a density block, the
+//! branch is evaluated for the whole block; otherwise the picked samples of several density blocks are queued in a
+//! block of their own. The part of the branch that depends on the direction alone is evaluated once per ray.
 
 use super::TileState;
 use super::compositing::Compositing;
@@ -51,8 +52,8 @@ impl<'w> Colour<'w> {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Adds the colours of the samples picked from a block to their rays. If they fill less than
-    /// [`QUEUED_BELOW`] of a block, they are queued instead.
+    /// Adds the colours of the samples picked from a block to their rays. If the picked samples fill less than
+    /// [`QUEUED_BELOW`] of the block, they are queued instead.
     pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(tile, picks, counters);
@@ -126,8 +127,9 @@ pub(in crate::render) struct DirectionShares<'w> {
 }
 
 impl DirectionShares<'_> {
-    /// Length of the buffer `values` for a batch of rays; 0 if the colour branch is not evaluated at samples. `block`:
-    /// number of rays encoded together.
+    /// Length of the buffer `values`, f32 values, for the rays of a batch (`field.plan.batch.rays`, rounded up to a
+    /// multiple of `block`). `block`: number of rays whose directions are encoded together. 0 if the colour branch is
+    /// not evaluated at samples.
     pub fn values(field: Field<'_>, block: usize) -> usize {
         let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)

@@ -181,7 +181,8 @@ impl<'a> Columns<'a> {
     }
 
     /// Marches the ray of each of the first `n` columns to its next occupied sample. A ray that ends is replaced by the
-    /// next active ray. Returns the number of columns that have a sample.
+    /// next active ray. If no ray is active, the last column is copied to the gap, so that the columns in use stay the
+    /// first ones. Returns the number of columns in use; each of these has a sample.
     fn advance(&mut self, rays: &mut Rays<'_, '_>, deferred: &mut Deferred<'_>, mut n: usize) -> usize {
         let (mut waiting, mut waits) = ([0; BLOCK], 0);
         let (mut marching, mut marches) = ([0; BLOCK], 0);

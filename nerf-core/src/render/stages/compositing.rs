@@ -49,7 +49,8 @@ impl<'w> Compositing<'w> {
     }
 
     /// Composites the block's samples and picks those whose colour or normal is evaluated. Marches each unfinished ray
-    /// to its next occupied sample. Samples of a ray that has ended are ignored and not counted.
+    /// to its next occupied sample. Samples of a ray that has ended are ignored and not counted. `COLLIDE`: whether
+    /// each ray ends at the sample in which its photon collides; only this sample is then picked, with weight 1.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         tile: &mut TileState<'_, '_>,
@@ -177,7 +178,8 @@ impl<M: Math> Op for Absorb<'_, M> {
     }
 }
 
-/// Vector loop for unbounded scenes: computes each sample's distance and interval width, world units, `[2][room]`.
+/// Vector loop for unbounded scenes: computes each sample's distance and the width of its interval, world units,
+/// `[2][room]`. `room`: largest number of samples of a block.
 struct Intervals<'a> {
     plan: &'a Plan<'a>,
     columns: usize,

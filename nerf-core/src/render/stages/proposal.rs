@@ -34,8 +34,8 @@ impl<'a> Proposer<'a> {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
 
-    /// Decodes the proposal network's weights from the blob into `to`, in the format of `storage`. `to` has one element
-    /// per weight.
+    /// Decodes the proposal network's weights from the blob's f16 into `to`, which has one element per weight.
+    /// `storage`: the format to write; with [`Storage::Bf16`], two weights are packed into the bits of one element.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal().filter(|_| PROPOSAL_BUILT) {
             Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);

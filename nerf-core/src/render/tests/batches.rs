@@ -1,4 +1,5 @@
-//! Every batch gives the pixels and the work of a reference that evaluates one sample at a time.
+//! Whatever the batch, a frame has the same pixels and the same numbers of evaluations as a reference that evaluates
+//! one sample at a time.
 
 use super::*;
 use crate::math::polynomial::Polynomial;
@@ -6,7 +7,8 @@ use crate::sampling::Bins;
 use crate::simd::BLOCK;
 use crate::volume::Accumulator;
 
-/// Reference: pixels, density evaluations and colour evaluations of a frame, with one query per sample.
+/// Reference for a frame, computed with one query per sample. Returns the pixels and the numbers of density and colour
+/// evaluations.
 fn sample_by_sample(
     renderer: &Renderer<'_>,
     quality: &Quality,

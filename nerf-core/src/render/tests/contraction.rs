@@ -63,8 +63,8 @@ fn rays(camera: &Camera) -> impl Iterator<Item = Ray> {
     (0..SIDE * SIDE).map(|i| camera.ray((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5))
 }
 
-/// Reference in f64 for the bins of a ray. Positions are the `s` of
-/// [`Contraction::distance`](crate::space::Contraction::distance).
+/// Reference in f64 for the edges and samples of a ray's bins. Positions are values of `s`, which
+/// [`Contraction::distance`](crate::space::Contraction::distance) converts to distances.
 struct Steps {
     power: f64,
     step: f64,
@@ -74,7 +74,8 @@ struct Steps {
     start: f64,
     enter: f64,
     end: f64,
-    /// Position at which the last bin is cut. The bin's sample is in the middle of the part that remains.
+    /// Position of the scene's far end, which cuts the bin that contains it. The sample of this bin is in the middle,
+    /// in `s`, of the part in front of the cut.
     far: f64,
 }
 
@@ -112,7 +113,7 @@ impl Steps {
         (if size <= 1.0 { size } else { steps }).copysign(distance)
     }
 
-    /// Positions of the start, the end and the sample of each bin.
+    /// Positions `s` of the beginning, the end and the sample of each bin.
     fn bins(&self) -> impl Iterator<Item = [f64; 3]> {
         let edge = |i: f64| -1.0 - self.power + i * self.step;
         let first = ((self.enter + 1.0 + self.power) / self.step).floor();
@@ -245,8 +246,9 @@ fn no_occupied_cell_is_missed_and_no_other_asked() {
     assert!(kept > 10_000 && unclear < kept / 20, "{kept} clear, {unclear} not");
 }
 
-/// A field that is occupied only inside the ball looks the same in an unbounded and in a bounded scene, except for the
-/// phase of the samples. The range of both plans begins at `near`, since a bounded march would begin at the camera.
+/// A field that is occupied only inside the ball looks the same in an unbounded and in a bounded scene, except that the
+/// samples lie at other places. The range of both plans begins at `near`: otherwise the bounded scene's march would
+/// begin at the camera, in front of `near`.
 #[test]
 fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
     let a = architecture(pi(3, 0), Some(pi(3, 2)), &[(24, false), (20, false)], &[12]);
@@ -296,7 +298,7 @@ fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
 /// radii from the centre. `tilt`: x and y of the plane's normal, whose z is −1. `power`: power of the contraction.
 fn plane(radii: f64, tilt: [f32; 2], power: u8) -> (Vec<u8>, Vec<f32>, SceneFacts) {
     let rim = if radii <= 1.0 { radii } else { 2.0 - 1.0 / radii };
-    // With power 1, the positions beyond 1,000 radii span only 1/1,000, so that bins must be shorter.
+    // With power 1, the distances beyond 1,000 radii span only 1/1,000 in `s`, so that bins must be shorter.
     let step = if power == 1 { 1.0 / 1024.0 } else { 1.0 / 400.0 };
     let facts = SceneFacts { near: 0.01, far: 2e4 * RADIUS, ..facts(contracted(step, power)) };
     let a = architecture(pi(3, 0), None, &[(4, false)], &[]);
@@ -427,8 +429,8 @@ fn points_are_asked_for_anywhere_but_nowhere() {
     }
 }
 
-/// No output distance is below `near`, whatever the rounding. A thousand radii away, rounding of positions changes
-/// distances by a ten-thousandth.
+/// No output distance is below `near`, whatever the rounding. A thousand radii away, rounding of positions `s` changes
+/// distances by a ten-thousandth of their value.
 #[test]
 fn no_distance_from_far_away_is_in_front_of_near() {
     for power in Contraction::POWERS {

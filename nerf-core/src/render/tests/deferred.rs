@@ -13,8 +13,8 @@ mod several;
 
 use oracle::Oracle;
 
-/// Architecture with a grid encoding and at most one trunk layer, `hidden`. The composited `h` is the layer's output,
-/// or without a layer the encoding.
+/// Architecture with a grid encoding and at most one trunk layer. `hidden`: the layer's width, and whether it is a skip
+/// layer; empty without a layer. The composited `h` is the layer's output, or without a layer the encoding.
 fn shape(hidden: &[(u16, bool)], density: DensityActivation) -> Architecture {
     let resolutions = [[4; 3], [7, 8, 9], [17; 3]].into_iter().collect();
     Architecture {

@@ -1,4 +1,5 @@
-//! The visible range of a ray: set by the caller's ray, by a camera's limit or by the plan, with the same pixels.
+//! The visible range of a ray can be set by the caller's ray, by a camera's limit or by the plan. All three give the
+//! same pixels.
 
 use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
@@ -12,7 +13,8 @@ pub(super) fn scenes() -> Vec<Vec<u8>> {
     scenes_of(&a, &parameters(&a, 7), 0b1110_1101)
 }
 
-/// Blobs of one field, one for each kind of sampling.
+/// Blobs of one field, one for each kind of sampling. `all`: parameters of the network. `bits`: which of the 2³ cells
+/// of the occupancy grid are occupied; scenes with bins have no grid.
 fn scenes_of(a: &Architecture, all: &[f32], bits: u8) -> Vec<Vec<u8>> {
     let (weights, _) = halve(all);
     let bits = [bits];

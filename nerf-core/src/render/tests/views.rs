@@ -39,7 +39,8 @@ fn in_ball(cell: usize) -> bool {
     side(cell / 64).powi(2) + side(cell / 8 % 8).powi(2) + side(cell % 8).powi(2) < 0.7
 }
 
-/// A camera at `times` the training distance in direction `towards`. The scene fills its image.
+/// A camera that looks at the scene from direction `towards`, at `times` times the distance [`TRAINED`] from the
+/// middle. The scene fills its image.
 fn from(times: f32, towards: Vec3) -> Camera {
     let distance = times * TRAINED;
     let eye = towards.normalize() * distance;
@@ -52,7 +53,7 @@ fn rays(camera: &Camera) -> impl Iterator<Item = Ray> {
     (0..SIDE * SIDE).map(|i| camera.ray((i % SIDE) as f32 + 0.5, (i / SIDE) as f32 + 0.5))
 }
 
-/// Distances at which the ray enters and leaves the box, in f64.
+/// Distances at which the ray enters and leaves the box `[-1, 1]³`, in f64; `None` if the ray misses the box.
 fn chord(ray: &Ray) -> Option<(f64, f64)> {
     let (mut enter, mut exit) = (0.0f64, f64::INFINITY);
     for axis in 0..3 {
@@ -69,7 +70,8 @@ fn chord(ray: &Ray) -> Option<(f64, f64)> {
     (enter < exit).then_some((enter, exit))
 }
 
-/// Length of the ray in the ball's cells, estimated by 4,000 points.
+/// Length of the ray inside the ball's cells, estimated by 4,000 points between `enter` and `exit`, its distances at
+/// the faces of the box.
 fn way_in_ball(ray: &Ray, (enter, exit): (f64, f64)) -> f64 {
     let points = 4000;
     let width = (exit - enter) / f64::from(points);
@@ -101,7 +103,8 @@ fn outputs() -> Outputs {
     Outputs { median_distance: cfg!(feature = "median"), ..Outputs::ALL }
 }
 
-/// Mean distance in a fog from 0 to `length`, in closed form.
+/// Composited mean distance of a ray in a fog of density [`SIGMA`] that fills the distances from 0 to `length`, in
+/// closed form.
 fn mean_in_fog(length: f64) -> f64 {
     let left = (-SIGMA * length).exp();
     (1.0 / SIGMA) - length * left / (1.0 - left)

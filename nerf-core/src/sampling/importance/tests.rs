@@ -12,7 +12,8 @@ fn bins(count: usize) -> Bins {
     Bins::new(NEAR, FAR, count as u32).unwrap()
 }
 
-/// Result of [`sample_pdf`] for `weights`. Before the call, the first `drawn` values of the row are NaN.
+/// The row that [`sample_pdf`] makes from `weights`, one per bin: `drawn` samples and the middles of all bins,
+/// ascending. Before the call, the values of the drawn samples are NaN.
 fn row(weights: &[f32], drawn: usize) -> Vec<f32> {
     let mut row = vec![f32::NAN; drawn];
     row.extend(weights);
@@ -20,7 +21,7 @@ fn row(weights: &[f32], drawn: usize) -> Vec<f32> {
     row
 }
 
-/// The drawn samples of a row: all its values without the middles of bins.
+/// The drawn samples of a row: all its values without the middles of its `count` bins.
 fn drawn_of(row: &[f32], count: usize) -> Vec<f32> {
     let bins = bins(count);
     let mut middles: Vec<f32> = (0..count as u32).map(|i| bins.at(i, 0.5)).collect();

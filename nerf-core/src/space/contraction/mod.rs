@@ -1,4 +1,4 @@
-//! Contraction of unbounded space into a box: distant regions get fewer grid cells and longer steps along a ray.
+//! Contraction of unbounded space into a box: distant regions get fewer grid cells and longer bins along a ray.
 
 use super::scene_box::SceneBox;
 use crate::camera::Ray;
@@ -26,7 +26,8 @@ pub struct Contraction {
 }
 
 impl Contraction {
-    /// Valid powers for the growth of steps along a ray ([`Contraction::distance`]).
+    /// Valid values of the power `p`, which sets how the distances between samples grow outside the inner ball
+    /// ([`Contraction::distance`]).
     pub const POWERS: [u8; 3] = [1, 2, 4];
 
     /// Makes the contraction whose scene box is `cube`. `None` unless all sides of `cube` are equal, the inner radius
@@ -61,7 +62,8 @@ impl Contraction {
         self.radius
     }
 
-    /// Power of the growth of steps along a ray, `p` in [`Contraction::distance`].
+    /// Power `p` of [`Contraction::distance`], which sets how the distances between samples grow outside the inner
+    /// ball.
     pub fn power(&self) -> u8 {
         self.power
     }
@@ -85,7 +87,7 @@ impl Contraction {
     }
 
     /// Whether the part `from..=to` of a ray lies in the inner ball. `ray`: from [`Contraction::centred`]; `from` and
-    /// `to`: positions in steps ([`Contraction::distance`]).
+    /// `to`: positions `s` ([`Contraction::distance`]).
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
         // A ball is convex, so that a test of the two ends suffices. The margin is for rounding.
@@ -118,8 +120,8 @@ impl Contraction {
         q
     }
 
-    /// Converts `q`, points relative to the centre, to world units: the centre plus `q · shrink`, clamped to the scene
-    /// box.
+    /// Converts `q`, offsets from the centre in radii, to points in world units: the centre plus `q · shrink`, clamped
+    /// to the scene box. `shrink`: world units per radius.
     #[inline(always)]
     fn shrunk<V: Lanes>(&self, mut q: [V; 3], shrink: V) -> [V; 3] {
         let centre = self.centre.to_array();
@@ -154,10 +156,13 @@ impl Contraction {
         (Ray { origin: ray.at(start), ..*ray }, start)
     }
 
-    /// Distance along a ray, world units, at position `s`, in steps. Both are 0 at the ray's point nearest to the
-    /// centre. With power `p` the distance is `s` radii if `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign
-    /// of `s`. Steps of power 1 are uniform in disparity, and on a line through the centre uniform in contracted space.
-    /// Steps of larger powers are nearly uniform in the logarithm of distance.
+    /// Converts `s`, a position along a ray, to a distance in world units. Bins of an unbounded scene have equal widths
+    /// in `s`. Position and distance are 0 at the ray's point nearest to the centre. With power `p` the distance is `s`
+    /// radii if `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign of `s`.
+    ///
+    /// Outside the inner ball, equal widths in `s` are, with power 1, equal in disparity (1 / distance), and on a line
+    /// through the centre equal in contracted space. With larger powers they are nearly equal in the logarithm of
+    /// distance.
     ///
     /// # Source
     /// Barron et al. 2025, power ladder; deviation: linear up to 1, and extended to negative `s`.
@@ -166,7 +171,8 @@ impl Contraction {
         self.distance_lanes(s)
     }
 
-    /// Distances along a ray, world units, at a vector of positions in steps ([`Contraction::distance`]).
+    /// Converts a vector of positions `s` along rays to distances in world units, as [`Contraction::distance`] does for
+    /// one position.
     #[inline(always)]
     pub fn distance_lanes<V: Lanes>(&self, s: V) -> V {
         let (one, size, least) = (V::splat(1.0), s.abs(), V::splat(1.0 / FARTHEST));
@@ -182,8 +188,8 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// Length, in the world, of a step at the contracted point `p`, divided by the length of a step in the inner ball.
-    /// Holds for rays through the centre.
+    /// Ratio of the length of a bin at the contracted point `p`, in world units, to the length of a bin in the inner
+    /// ball: the ratio of the derivatives of [`Contraction::distance`] there. Holds for rays through the centre.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;
@@ -204,8 +210,8 @@ impl Contraction {
         self.centre + q * (radii / contracted * self.radius)
     }
 
-    /// Position, in steps, of the point at `distance`, world units, from the ray's point nearest to the centre. Inverse
-    /// of [`Contraction::distance`]; finite even for a NaN.
+    /// Position `s` of the point at `distance`, world units, from the ray's point nearest to the centre. Inverse of
+    /// [`Contraction::distance`]; finite even for a NaN.
     pub fn step_at(&self, distance: f32) -> f32 {
         let size = (distance.abs() / self.radius).min(FARTHEST);
         if size <= 1.0 {

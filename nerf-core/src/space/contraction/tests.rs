@@ -142,7 +142,8 @@ fn what_is_no_cube_or_power_is_no_contraction() {
     assert_eq!(Contraction::new(&Contraction::cube(Vec3::splat(1e6), 0.1), 1), None);
 }
 
-/// The error bounds of steps and distances come from the rounding of steps, which are at most 1 + p.
+/// Error bounds come from the rounding of positions `s`, whose magnitude is at most 1 + p. `p`: power of the
+/// contraction.
 #[test]
 fn steps_and_distances_are_inverse_within_rounding() {
     for (centre, radius) in balls() {
@@ -184,7 +185,7 @@ fn steps_and_distances_are_inverse_within_rounding() {
     }
 }
 
-/// Contracts 16 points (rows x, y, z), and converts 16 positions in steps (row s) to distances.
+/// Contracts 16 points (rows x, y, z), and converts 16 positions `s` (row s) to distances.
 struct All<'a>(&'a Contraction, &'a [[f32; 16]; 4]);
 
 impl Op for All<'_> {

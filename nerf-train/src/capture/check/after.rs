@@ -6,10 +6,11 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// A photograph's PSNR is far below the median if the difference exceeds two limits: the first number in dB, and the
-/// second in median absolute deviations.
+/// A photograph's PSNR is far below the median of all training photographs if it is lower by more than both limits:
+/// `.0`, dB, and `.1` times the median absolute deviation.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// The worst group's poses are reported as doubtful if its PSNR is at least this far below the best group's, dB.
+/// The poses of the worst group are reported as doubtful if its mean PSNR is at least this far below that of the best
+/// group, dB.
 const DIFFERENT_DB: f64 = 3.0;
 /// In data without point tracks, photographs are reported as contradicting each other if the median training PSNR is
 /// below this, dB.
@@ -21,10 +22,10 @@ const A_WHILE: u32 = 2000;
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
-    /// Mean PSNR of each group in the diagnosis. If the diagnosis has no groups and the data have no point tracks, a
-    /// group is a run of consecutive photographs between two jumps of the viewing direction.
+    /// Groups of the diagnosis, with their mean PSNR. If the diagnosis has no groups, this list is empty for data with
+    /// point tracks; for data without, it has runs: consecutive photographs between two jumps of the viewing direction.
     pub train_groups: Vec<Group>,
-    /// Names of the photographs whose PSNR is far below the median.
+    /// Names of the photographs whose PSNR is far below the median of all training photographs (`FAR_WORSE`).
     pub train_far_worse: Vec<String>,
     #[serde(skip)]
     findings: Vec<String>,
@@ -92,8 +93,9 @@ impl Fitted {
         }
     }
 
-    /// Returns a finding if the worst group's PSNR is far below the best group's, or if `middle`, the median, is low.
-    /// `tracks`: whether the data have point tracks.
+    /// Returns a finding if the mean PSNR of the worst group is at least [`DIFFERENT_DB`] below that of the best group.
+    /// Otherwise returns a finding if the median PSNR `middle`, dB, is below [`LOW_DB`]. This second test applies only
+    /// to data without point tracks (`tracks`), after at least [`A_WHILE`] training steps (`steps`).
     fn doubt(&self, tracks: bool, middle: f64, steps: u32) -> Option<String> {
         let by_db = |a: &&Group, b: &&Group| a.psnr_db.0.total_cmp(&b.psnr_db.0);
         let (low, high) = (self.train_groups.iter().min_by(by_db)?, self.train_groups.iter().max_by(by_db)?);

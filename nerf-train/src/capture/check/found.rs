@@ -14,17 +14,19 @@ use std::collections::BTreeSet;
 
 /// Contradicting photographs are left out of training only if the capture has at least this number of photographs.
 const ENOUGH: usize = 10;
-/// A photograph has a wrong pose if the number of its contradicting key points is at least `.0`, and is more than `.1`
-/// times the number of its agreeing key points.
+/// A photograph has a wrong pose if at least `.0` of its key points contradict the pose, and these are more than `.1`
+/// times as many as its key points that agree with the pose.
 const MISPLACED: (usize, usize) = (10, 2);
 /// A sector without photographs is reported if it spans at least this, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;
 /// Maximum number of names, or ranges of names, in a list; of further photographs, only the number is given.
 const LISTED: usize = 6;
-/// A bridge of the graph of links is reported if its removal cuts off at least this number of photographs.
+/// A bridge is a link between two photographs whose removal would cut off other photographs. A bridge is reported if it
+/// would cut off at least this number of photographs.
 const HANGING: usize = 3;
 
-/// Reason why the photographs fall into groups: a folded reconstruction, wrong poses, or pieces without shared points.
+/// Reason why the photographs fall into groups: a folded reconstruction (two sides of the scene are superimposed),
+/// wrong poses, or pieces without shared points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Reason {
     Folded,
@@ -86,7 +88,8 @@ impl<'v> Found<'v> {
         found
     }
 
-    /// Sets `groups`, by the first [`Reason`] that applies, and `outliers`, the photographs that contradict the others.
+    /// Sets `groups` to the division by the first [`Reason`], in order of declaration, that applies; to no groups if
+    /// none applies. Sets `outliers` to the few photographs that contradict the others; they are in no group.
     fn settle_groups(&mut self) {
         let count = self.views.len();
         let Groups { groups, outliers } = Groups::of(count, &self.pairs);
@@ -123,7 +126,8 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// Returns the two photographs that contradict each other most, preferably of different groups; `None` if none do.
+    /// Returns the two photographs that contradict each other most, of different groups if possible. `None` if no two
+    /// photographs contradict each other.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());
@@ -328,7 +332,8 @@ impl<'v> Found<'v> {
     }
 }
 
-/// Returns the number of photographs and the form of the verb: `1 photograph is`, `2 photographs are`.
+/// Returns the number of photographs with a verb: `1 photograph is`, `2 photographs are`. `one`, `many`: the verb after
+/// one and after several photographs, here `is` and `are`.
 pub(super) fn subject(n: usize, one: &str, many: &str) -> String {
     format!("{} {}", count(n, "photograph"), if n == 1 { one } else { many })
 }

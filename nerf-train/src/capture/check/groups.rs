@@ -3,15 +3,15 @@
 use super::pairs::Pair;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Threshold on [`Pair::different`]. In clustering, a pair below it counts for merging its two photographs, a pair
-/// above it counts against.
+/// Threshold on [`Pair::different`]. In clustering, a pair below it counts for merging its two photographs; a pair
+/// above it counts against merging them.
 const UNDECIDED: f32 = 0.35;
-/// Up to 1 / `FEW` of all photographs count as few; two always do.
+/// A set of photographs is small if it has at most 1 / `FEW` of all photographs, or at most two photographs.
 const FEW: usize = 10;
-/// Minimum number of contradicting pairs to leave out a photograph, or to separate two groups.
+/// Minimum number of contradicting pairs for which a photograph is left out, or for which two groups stay separate.
 const CERTAIN: usize = 3;
-/// Minimum fraction of contradicting pairs, among all compared pairs, for a group of contradicting photographs. Below
-/// it, contradicting photographs are outliers.
+/// Contradicting photographs form a group of their own only if at least this fraction of all compared pairs of the
+/// capture contradict. Below it, contradicting photographs are outliers.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.
@@ -58,8 +58,9 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Returns the labels of small clusters that have more contradicting than agreeing pairs. Clusters are rejected one by
-/// one, the worst first; the pairs of a rejected cluster are ignored from then on.
+/// Returns the labels of the rejected clusters. A cluster is rejected if it is small ([`FEW`]) and has more
+/// contradicting than agreeing pairs. Clusters are rejected one by one: the one with the largest fraction of
+/// contradicting pairs comes first, and its pairs are ignored from then on.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -94,7 +95,7 @@ fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
 }
 
 impl Groups {
-    /// Divides the photographs into groups. `photographs`: their number; `pairs`: pairs that agree or contradict.
+    /// Divides the photographs into groups. `photographs`: number of photographs; `pairs`: all compared pairs.
     pub fn of(photographs: usize, pairs: &[Pair]) -> Self {
         let label = clusters(photographs, pairs);
         let rejected = rejected(&label, pairs);
@@ -126,9 +127,13 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Returns the large groups and the outliers. `group`: index of each photograph's group; a photograph without pairs
-    /// has `None`, and joins the previous photograph's group. `groups`: number of groups. `contradict`: photographs of
-    /// rejected clusters.
+    /// Returns the final groups and the outliers. The first group stays, and so does each group that is not small
+    /// ([`FEW`]). If the photographs in `contradict` are many ([`TORN`]), they form a last group. Otherwise, they and
+    /// the photographs of small groups are outliers if at least [`CERTAIN`] pairs contradict them, and else join the
+    /// largest group.
+    ///
+    /// `group`: index of each photograph's group, below `groups`; `None` if no pair contains the photograph, which then
+    /// joins the previous photograph's group. `contradict`: photographs of rejected clusters.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

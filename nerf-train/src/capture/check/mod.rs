@@ -45,10 +45,10 @@ pub struct Diagnosis {
     pub gaps: Vec<NamedGap>,
     pub blurred: Vec<String>,
     pub duplicates: Vec<[String; 2]>,
-    /// Standard deviation, over the photographs, of the log gains. Gains are measured at points that several
-    /// photographs show.
+    /// Standard deviation, over the photographs, of [`Photograph::exposure`]; `None` if exposure is not measured.
     pub exposure_spread: Option<f64>,
-    /// Number of photographs in each connected component of the graph of shared points, the largest first.
+    /// Number of photographs in each connected component, the largest first. Photographs are connected by shared
+    /// points.
     pub pieces: Vec<usize>,
     pub bridges: Vec<[String; 2]>,
     pub views: Vec<Photograph>,
@@ -78,7 +78,8 @@ pub struct Photograph {
     pub azimuth_degrees: Option<Short>,
     /// Variance of the Laplacian, divided by its median over the nearest photographs.
     pub sharpness: Short,
-    /// Natural log gain, averaged over the colour channels.
+    /// Natural logarithm of the photograph's brightness relative to the mean of all photographs, averaged over the
+    /// colour channels. `None` if too few photographs show enough common points to measure it.
     pub exposure: Option<Short>,
 }
 

@@ -10,7 +10,8 @@ use glam::{Quat, Vec3};
 use nerf_core::camera::{Camera, Pose};
 use std::sync::OnceLock;
 
-/// Demo capture of two rounds. Rendering takes seconds, so it is done once for all tests.
+/// Demo capture [`rounds`]: two rounds of cameras along an arc, the second with wrong poses if `folded`. Rendering
+/// takes seconds, so each capture is rendered once for all tests.
 fn two_rounds(folded: bool) -> Dataset {
     static MADE: [OnceLock<Dataset>; 2] = [const { OnceLock::new() }; 2];
     MADE[usize::from(folded)].get_or_init(|| rounds(folded).expect("a scene")).clone()
@@ -20,7 +21,7 @@ fn names(range: std::ops::Range<usize>) -> Vec<String> {
     range.map(|i| format!("{i:03}.jpg")).collect()
 }
 
-/// Camera of `view` at a wrong pose, which depends on `by`.
+/// Camera of `view` at a wrong pose: the position is turned by 1.3 + `by` radians about the z axis, and raised by 1.
 fn displaced(view: &View, by: u32) -> Camera {
     let camera = view.camera;
     let at = Quat::from_rotation_z(1.3 + by as f32) * camera.pose().position + Vec3::Z;

@@ -72,7 +72,7 @@ pub struct Settings {
     /// Training steps [default: the preset's].
     #[arg(long, value_name = "N")]
     steps: Option<u32>,
-    /// Random seed.
+    /// Seed of the initial weights and of all random choices in training [default: the preset's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     #[command(flatten)]
@@ -114,13 +114,13 @@ pub struct Fit {
     /// longer).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: FieldPreset,
-    /// Number of hidden layers.
+    /// Number of hidden layers [default: the preset's].
     #[arg(long, value_name = "N")]
     layers: Option<usize>,
-    /// Width of the hidden layers.
+    /// Width of the hidden layers [default: the preset's].
     #[arg(long, value_name = "N")]
     width: Option<usize>,
-    /// Initial learning rate.
+    /// Initial learning rate [default: the preset's].
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
     #[command(flatten)]

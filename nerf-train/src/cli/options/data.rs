@@ -33,7 +33,7 @@ pub struct DataOptions {
     /// fits].
     #[arg(long, value_name = "LAYOUT")]
     pub layout: Option<Layout>,
-    /// Whole factor by which photographs are downscaled, or auto: long side to about 800 pixels [default: auto; 1 for
+    /// Whole factor by which photographs are downscaled, or auto (long side of about 800 pixels) [default: auto; 1 for
     /// Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
@@ -49,8 +49,8 @@ pub struct DataOptions {
 /// Extent of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Space {
-    /// A box if the background of the photographs is known, or if a box is given; else unbounded. Without a learned
-    /// grid, or without empty-space skipping, always a box.
+    /// A box if the background of the photographs is transparent or of one colour, or if a box is given; else
+    /// unbounded. Without a learned grid, or without empty-space skipping, always a box.
     #[default]
     Auto,
     /// The scene ends at a box.
@@ -111,7 +111,7 @@ impl DataOptions {
         read_with(path, &self.options(), &Watch::default(), global)
     }
 
-    /// As [`Self::read`], for a fit: shared intrinsics are stored next to the scene file `output`. Also returns the
+    /// Reads a data set for training. Shared intrinsics are stored next to the scene file `output`. Also returns the
     /// time taken to find shared intrinsics, which does not count as training time.
     pub fn read_to_fit(
         &self,
@@ -125,7 +125,8 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// Reads a data set as [`Self::read_given_for`] does. A view gets its refined pose, if one is stored next to
+    /// Reads a data set with the intrinsics and the origin of coordinates that the scene `blob` was trained with
+    /// ([`Self::read_given_for`]). Then gives each view its refined pose, if one is stored next to the scene file
     /// `file`.
     pub fn read_for(
         &self,

@@ -17,19 +17,19 @@ pub struct TableSettings {
     /// Size of a hash table: at most 2^K entries per level.
     #[arg(long, value_name = "K")]
     pub table: Option<u8>,
-    /// Number of grid levels.
+    /// Number of grid levels, from the coarsest to the finest resolution.
     #[arg(long, value_name = "N")]
     pub grid_levels: Option<usize>,
     /// Features per level: 1, 2 or 4.
     #[arg(long, value_name = "F")]
     pub features: Option<u8>,
-    /// Cells along the longest side at the coarsest level.
+    /// Cells along the longest side of the scene box or image, at the coarsest level.
     #[arg(long, value_name = "N")]
     pub coarsest: Option<u16>,
-    /// Cells along the longest side at the finest level.
+    /// Cells along the longest side of the scene box or image, at the finest level.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
-    /// Storage of the tables in the file; coded: entropy-coded, quantised at least as coarsely as int8.
+    /// Storage of the tables in the file; coded: entropy-coded bytes, quantised like int8 or more coarsely.
     #[arg(long, value_enum, value_name = "STORAGE")]
     pub export: Option<TableStorage>,
 }
@@ -58,8 +58,8 @@ pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'stati
 }
 
 impl TableSettings {
-    /// Overrides the settings of `grid` by these flags. `more`: name of another given flag that needs a grid. Fails if
-    /// there is no grid, but one of these flags or `more` is given.
+    /// Overrides the settings of `grid` by these flags. Fails if there is no grid, but one of these flags or `more` is
+    /// given. `more`: name of a given flag that needs a grid but is not in this struct. `preset`: name for the error.
     pub fn apply(
         &self,
         grid: Option<&mut TableConfig>,
@@ -103,9 +103,9 @@ impl TableSettings {
     }
 }
 
-/// Memory per feature of a grid's tables, bytes. Training holds the feature, its gradient, two moments of Adam, the
-/// average and an f16 copy for export (22). Writing a checkpoint holds five more numbers (20), and these twice as bytes
-/// (40).
+/// Memory per feature of a grid's tables, bytes: 22 + 20 + 40. Training holds five f32 values (feature, gradient, two
+/// moments of Adam, average) and an f16 copy for export: 22. Writing a checkpoint also holds a copy of the five values
+/// (20), and two serialised copies of them (40).
 const BYTES_PER_VALUE: u64 = 82;
 
 /// Refuses tables that do not fit into memory.

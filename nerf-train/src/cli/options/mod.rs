@@ -53,7 +53,8 @@ pub struct ShardOption {
 }
 
 impl ShardOption {
-    /// Returns the part that `--shard` names, else the part of the array job (reported), else the whole work.
+    /// Returns the part of the work to do: the part that `--shard` names; without `--shard`, the part of the array job,
+    /// which is reported; without an array job, the whole work.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -94,8 +95,9 @@ impl Conduct {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Checks the options and `claims`, the paths that the command reads and writes, with the checkpoint added. Creates
-    /// the folders of the outputs. Returns the path of the checkpoint; `None` if the output is a device.
+    /// Checks the options, adds the checkpoint to `claims`, and checks `claims`: the paths that the command reads and
+    /// writes. Creates the folders of the outputs. Returns the path of the checkpoint; `None` if the output is a
+    /// device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
         // An infinite interval is valid: no checkpoint is written during training.

@@ -43,7 +43,9 @@ impl SetOption {
 
 /// Returns the preset adapted to `surroundings`, overridden by the TOML file's values and then by the values of `set`.
 ///
-/// If file or `set` turns the visual hull off, or gives a contraction or a box, the defaults of other settings change.
+/// Some settings, given by the file or by `set`, adapt the preset to other surroundings: `sampling.contraction` to an
+/// unbounded scene; `sampling.scene_box` or `occupancy.skip=false` to a box instead of an unbounded scene;
+/// `occupancy.hull=false` to an unknown background.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,

@@ -195,7 +195,8 @@ fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     }
 }
 
-/// Returns a camera without distortion. `rows`: 3×4 camera-to-world matrix; `fov_degrees`: horizontal field of view.
+/// Returns a camera without distortion. `rows`: 3×4 camera-to-world matrix, row by row, in the data set's coordinates.
+/// `origin`: the scene's origin in these coordinates. `fov_degrees`: horizontal field of view.
 fn posed(
     rows: &[f64; 12],
     origin: [f64; 3],

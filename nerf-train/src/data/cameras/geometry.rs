@@ -113,8 +113,9 @@ impl LookAt {
         f64::from(self.spread) < FORWARD_FACING
     }
 
-    /// Whether the point is certain enough to be the centre of the scene box: the axes agree on it, and its uncertainty
-    /// along the cameras' common direction (`mean_residual` / √`spread`) is at most half of the mean distance.
+    /// Whether the point is certain enough to be the centre of the scene box: [`Self::agrees`] holds, and the point's
+    /// uncertainty along the cameras' common direction (`mean_residual` / √`spread`) is at most half of
+    /// [`Self::mean_distance`].
     pub fn places_the_scene(&self) -> bool {
         self.agrees() && self.mean_residual <= 0.5 * self.mean_distance * self.spread.sqrt()
     }
@@ -155,11 +156,12 @@ pub struct SceneBounds {
 ///
 /// `near` and `far` are the data set's own, if stated. Otherwise they follow from the distances of the cameras from
 /// their look-at point. If these are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set, `near` is 2
-/// and `far` is 6, as usual. In all other cases, `near` is half the smallest distance, and `far` = largest + mean
-/// distance − `near`.
+/// and `far` is 6, as usual. In all other cases, `near` is half the smallest distance, and `far` is the sum of the
+/// largest distance and the mean distance, minus `near`.
 ///
-/// The box is a cube around the look-at point; its half side is the mean camera distance minus `near`. If the look-at
-/// point is unreliable, or nearer than `near`, the box encloses all view frusta from `near` to `far`.
+/// The box is a cube around the look-at point; its half side is the mean distance minus `near`. If the look-at point is
+/// uncertain ([`LookAt::places_the_scene`]), or if the mean distance is at most `near`, the box encloses all view
+/// frusta from `near` to `far`.
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)

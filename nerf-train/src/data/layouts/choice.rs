@@ -5,7 +5,7 @@ use crate::data::layouts::{blender, colmap, llff, nerfstudio};
 use crate::data::{Dataset, DatasetError, ReadOptions, Watch};
 use std::path::Path;
 
-/// Layouts of folders, in order of precedence.
+/// Layout of a folder of data. If several layouts fit a folder, the first in this order is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// A folder with `transforms_train.json` or `transforms.json`.
@@ -59,7 +59,7 @@ impl std::str::FromStr for Layout {
 }
 
 /// Reads a folder in the requested layout or, without a request, in the first layout whose files the folder has. If
-/// several layouts fit and none is requested, adds a note.
+/// several layouts fit and none is requested, adds a note to the data set that names the others.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());

@@ -7,8 +7,8 @@ use glam::DVec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens};
 use rayon::prelude::*;
 
-/// Reads `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`. The training arrays may be missing if an
-/// existing field is evaluated.
+/// Reads the arrays `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`. The training arrays may be missing
+/// if the data are read to evaluate a trained radiance field ([`ReadOptions::to_measure`]).
 ///
 /// `c2ws_test` without `images_test` is read as a camera path to render.
 pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
@@ -104,7 +104,7 @@ fn views(
     decoded.into_iter().collect()
 }
 
-/// Number, width, height and channels of the pictures.
+/// Number of pictures in `array`, their width and height in pixels, and their number of channels.
 fn picture_shape(
     archive: &Archive,
     key: &str,
@@ -154,7 +154,7 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that the notebook plots.
 const NOTEBOOK_VALIDATION: usize = 101;
-/// Number of validation views in any other file of this layout; they are the last views.
+/// Number of validation views in a file that has the notebook's arrays, but not its 106 views. They are the last views.
 const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`.

@@ -13,13 +13,14 @@ const MASKS: &str = "masks";
 /// A photograph's file, and the reduction to be applied to its picture.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor by which the reduced picture is smaller than the size that the data set states. `None`: the picture keeps
-    /// the file's size.
+    /// Factor that gives the size to which the picture is reduced: the size that the data set states, divided by the
+    /// factor. `None`: the picture is not reduced.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs. Key: factor by which the folder's pictures are smaller than the originals.
+/// Folders of a data set's photographs. Key of `by_factor`: factor by which the folder's pictures are smaller than the
+/// originals.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
@@ -49,8 +50,8 @@ impl Folders {
     /// Folders to search for photographs, best first: path, [`Located::downscale`], and whether the folder holds
     /// reduced copies. `size`: picture size that the data set states, pixels.
     ///
-    /// Copies reduced by the requested factor come first, then larger copies, from small to large. For
-    /// [`Downscale::Auto`], smaller copies come last.
+    /// Copies that are reduced by the factor of `downscale` come first, then larger copies, from small to large.
+    /// Smaller copies come last for [`Downscale::Auto`], and are otherwise left out.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -77,8 +78,8 @@ impl Folders {
         })
     }
 
-    /// Pictures in the folder that suits `downscale` best, sorted by the bytes of their names. `size`: picture size
-    /// that the data set states, pixels.
+    /// Pictures in the first of the [candidate folders](Self::candidates), sorted by the bytes of their names. An error
+    /// if there is no candidate. `size`: picture size that the data set states, pixels.
     pub(crate) fn list(
         &self,
         downscale: Downscale,
@@ -105,7 +106,8 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// Path of the mask of photograph `name`. NAME.png, STEM.png and NAME in `masks` are tried in this order.
+    /// Path of the mask of photograph `name`; `None` if there is none. For `a.jpg`, the files `a.jpg.png`, `a.png` and
+    /// `a.jpg` in the folder `masks` are tried in this order.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));
@@ -123,7 +125,8 @@ pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<
     if copy.is_file() { Some(copy) } else { with_other_ending(&copy) }
 }
 
-/// Existing picture at `path` with another extension: reduced copies are often PNG where photographs are JPEG.
+/// Path of an existing picture that differs from `path` only in its extension. Reduced copies of JPEG photographs are
+/// often PNG.
 fn with_other_ending(path: &Path) -> Option<PathBuf> {
     let endings = ["png", "jpg", "jpeg", "JPG", "PNG"];
     endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())
@@ -138,7 +141,8 @@ pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 pub(crate) const HOLD: usize = 8;
 
 /// Splits views into training and validation views. In the order of the bytes of their names, every eighth view from
-/// index [`ReadOptions::hold_offset`] on is for validation. With too few views, all are for training.
+/// index o on is for validation; o is [`ReadOptions::hold_offset`] modulo 8. With at most o + 1 views, all are for
+/// training.
 pub(crate) fn every_eighth(
     mut views: Vec<View>,
     options: &ReadOptions,

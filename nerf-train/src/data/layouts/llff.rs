@@ -20,10 +20,10 @@ const NEAR_MARGIN: f64 = 0.9;
 /// Values of one photograph in `poses_bounds.npy`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Row {
-    /// Camera-to-world pose, looking down −Z with +Y up.
+    /// Camera-to-world pose. In its axes, the camera looks along −Z, and +Y points up.
     pose: Pose,
     size: (f64, f64),
-    /// Focal length for a picture of the size `size`, pixels.
+    /// Focal length in pixels of a picture whose width and height are `size`.
     focal: f64,
     /// Nearest and farthest visible depth, world units along the view axis.
     bounds: [f64; 2],

@@ -1,7 +1,8 @@
 //! Arrays from an untrusted `.npz` or `.npy`.
 //!
-//! The array headers are parsed here, because npyz multiplies shapes unchecked, allocates what a header claims, and
-//! supports every compression of zip files. This module allocates memory only for bytes that were read.
+//! The array headers are parsed here, not by the crate npyz. npyz multiplies the sides of a shape without a check for
+//! overflow, allocates the memory that a header claims, and supports every compression of zip files. This module
+//! allocates memory only for bytes that were read.
 
 use crate::data::DatasetError;
 use crate::data::cameras::pose::{BOTTOM_ROW, bottom_row_fault};
@@ -85,7 +86,8 @@ impl Archive {
         }
     }
 
-    /// The array `key` as camera-to-world matrices, `[n, 3 or 4, 4]`, row-major.
+    /// The array `key` as row-major camera-to-world matrices. The array's shape must be `[n, 3, 4]` or `[n, 4, 4]`; a
+    /// fourth row must be 0 0 0 1, and is dropped.
     pub(crate) fn matrices(&mut self, key: &str) -> Result<Vec<[[f64; 4]; 3]>, DatasetError> {
         let array = self.array(key)?;
         let &[_, rows @ (3 | 4), 4] = array.shape.as_slice() else {
@@ -159,8 +161,8 @@ fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Res
 }
 
 impl Array {
-    /// `count` elements from `start` on, as display values 0..=255: u8 unchanged, floats in [0, 1] scaled and rounded.
-    /// `Some(Err(value))` if a float is outside [0, 1]; `None` for another dtype.
+    /// `count` elements from index `start` on, as display values 0..=255: u8 unchanged, floats in [0, 1] scaled and
+    /// rounded. `Some(Err(value))` if a float is outside [0, 1] by more than 0.01; `None` for another dtype.
     pub(crate) fn display_bytes(&self, start: usize, count: usize) -> Option<Result<Vec<u8>, f64>> {
         let size = self.dtype.size;
         let bytes = &self.data[start * size..(start + count) * size];
@@ -214,7 +216,8 @@ impl Dtype {
         format!("{}{}", self.kind as char, self.size)
     }
 
-    /// Value of the element with the bytes `chunk`; integers beyond 2^53 are rounded.
+    /// Value of the element with the bytes `chunk`, as many as the dtype has. Integers beyond 2^53 are rounded. `None`
+    /// for a kind and size that [`Dtype::parse`] does not accept.
     fn value(self, chunk: &[u8]) -> Option<f64> {
         let mut bytes = [0u8; 8];
         bytes[..self.size].copy_from_slice(chunk);

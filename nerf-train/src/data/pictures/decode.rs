@@ -11,7 +11,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 /// Maximum number of pixels of a picture, 16,384 × 16,384: a header of a few bytes may claim any size.
 const MAX_PIXELS: u64 = 1 << 28;
-/// Longest side of a picture, pixels: the largest size that a blob can state.
+/// Maximum width and height of a picture, pixels: the largest that a `.nerf` blob can state.
 pub const MAX_SIDE: u32 = 65_535;
 
 /// Number of bytes at the start of a file from which HEIF is recognised.
@@ -36,7 +36,7 @@ pub enum DecodeError {
     Size { file: PathBuf, found: (u32, u32) },
 }
 
-/// Source of a picture's bytes, as a trait object so that all decoders are compiled once.
+/// Source of a picture's bytes. All sources are used through a trait object, so that the decoders are compiled once.
 pub(super) trait Source: BufRead + Seek {}
 impl<S: BufRead + Seek> Source for S {}
 

@@ -6,10 +6,13 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-/// Numbers of TIFF tags; the tag `EXIF_FOLDER` points to the directory that holds the focal length.
+/// Number of the TIFF tag with the name of the camera's maker.
 const MAKE: u16 = 0x010f;
+/// Number of the TIFF tag with the name of the camera model.
 const MODEL: u16 = 0x0110;
+/// Number of the TIFF tag with the byte offset of the EXIF directory.
 const EXIF_FOLDER: u16 = 0x8769;
+/// Number of the EXIF directory's tag with the focal length, millimetres.
 const FOCAL_LENGTH: u16 = 0x920a;
 
 /// Maker, model and focal length of the camera that took the photograph `file`; empty if there are no such tags.
@@ -79,8 +82,8 @@ impl Tiff<'_> {
 mod tests {
     use super::device_in;
 
-    /// EXIF tags with a maker of five letters, a model of three, and a focal length of 63/10 mm. `little`:
-    /// little-endian.
+    /// EXIF tags with a maker's name of five letters, a model's name of three letters, and a focal length of 63/10 mm.
+    /// `little`: whether the numbers are little-endian.
     fn tags(little: bool) -> Vec<u8> {
         let short = |v: u16| if little { v.to_le_bytes() } else { v.to_be_bytes() };
         let long = |v: u32| if little { v.to_le_bytes() } else { v.to_be_bytes() };

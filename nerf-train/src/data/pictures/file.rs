@@ -29,8 +29,8 @@ pub(crate) struct Decoded {
 /// Width and height of a picture, pixels, as stated with its pose; `None` for a side that is not stated.
 pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
-/// Decodes a picture of any depth and channel count, as it is stored. If the size in its header fits `stated` neither
-/// upright nor turned by 90°, returns an error without decoding.
+/// Decodes a picture of any depth and channel count, as it is stored. The size in its header must fit `stated`, upright
+/// or turned by 90°; otherwise the picture is not decoded, and an error is returned.
 pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, DatasetError> {
     let bad =
         |found: String| DatasetError::fault(file, format!("expected a {FORMATS} picture, found {found}"));
@@ -71,11 +71,12 @@ impl Decoded {
         (self.image.width(), self.image.height())
     }
 
-    /// Applies the EXIF orientation if the picture has the shape `stated` in the poses' file only when turned by 90°.
-    /// Returns a note, unless the tag asks for no turn. `says`: name of the poses' file in notes, such as "the json".
+    /// Turns the picture as its EXIF tag says if the stored picture does not fit the size `stated`, but the picture
+    /// turned by 90° does. In all other cases the pixels stay as they are stored: COLMAP, nerfstudio and instant-ngp
+    /// ignore the tag, and poses and principal points belong to the stored pixels.
     ///
-    /// Otherwise the pixels stay as they are stored: COLMAP, nerfstudio and instant-ngp ignore the tag, and poses and
-    /// principal points belong to the stored pixels.
+    /// Returns a note that says whether the picture was turned; `None` if the tag asks for no turn. `says`: name, in
+    /// the note, of the file that states the size, such as "the json".
     pub(crate) fn turn_to(&mut self, stated: StatedSize, says: &str) -> Option<String> {
         if self.orientation == Orientation::NoTransforms {
             return None;
@@ -144,8 +145,8 @@ impl Listings {
     }
 }
 
-/// Names in a folder, with and without their extensions, in lower case. Empty if the folder does not exist, `None` if
-/// it cannot be listed.
+/// Names of the files in a folder, with and without their extensions, in lower case. Empty if the folder does not
+/// exist; `None` if the folder cannot be listed.
 fn names_in(folder: &Path) -> Option<HashSet<String>> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = match std::fs::read_dir(folder) {

@@ -9,7 +9,7 @@ use std::io;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Number of bytes kept of COLMAP's output: the last ones tell its progress and why it failed.
+/// Number of the last bytes of COLMAP's output that are kept. These tell COLMAP's progress, and why it failed.
 const KEPT_BYTES: usize = 32 << 10;
 /// Interval at which COLMAP's output is polled.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
@@ -115,7 +115,8 @@ fn silent(stage: &Stage, patience: Duration) -> anyhow::Error {
     )
 }
 
-/// Makes the error of a failed command. The mapper also fails if it can pose no photograph; the error then says so.
+/// Makes the error of a failed command. The mapper also fails if it finds no pose for any photograph; the error then
+/// says so. `help`: help text of the command, which states COLMAP's version. `said`: output on stdout and stderr.
 fn failure(
     stage: &Stage,
     status: ExitStatus,

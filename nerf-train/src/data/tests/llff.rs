@@ -107,7 +107,7 @@ fn what_is_wrong_with_llff_is_named() {
     assert_names(&error_with(&npy("<f8", "(0, 17)", &[])), &["number of poses"]);
 }
 
-/// A folder that fits all three layouts.
+/// A folder that fits the layouts of nerfstudio (`transforms.json`), COLMAP and LLFF.
 fn of_all() -> TempDir {
     let folder = folder(&[1]);
     let mut made = Made::plain(10);

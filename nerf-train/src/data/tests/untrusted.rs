@@ -1,4 +1,5 @@
-//! Tests of inputs that are easily misread: EXIF orientations, bottom rows, angles in degrees, alpha, paths.
+//! Tests of inputs that are easily misread: EXIF orientations, bottom rows of pose matrices, angles in degrees, alpha,
+//! paths.
 
 use super::*;
 use serde_json::{Value, json};
@@ -44,8 +45,8 @@ fn pictures(count: usize, bytes: &[u8]) -> TempDir {
     folder
 }
 
-/// Size and white corner of a picture after reading, and the warnings. `orientation`: EXIF tag. `extra`: fields of the
-/// json.
+/// Reads a picture that has one white corner. Returns its size in pixels, the place of the white corner, and the
+/// warnings. `orientation`: value of the EXIF tag. `extra`: additional fields of the json.
 fn oriented(orientation: u8, extra: &Value) -> ((u32, u32), &'static str, String) {
     let folder = pictures(3, &jpeg(orientation));
     let data = read_plain(&write(&folder, 3, extra)).expect("a data set");

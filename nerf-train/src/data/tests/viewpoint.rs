@@ -36,7 +36,8 @@ fn turned(poses: &[Pose], by: Quat, shift: Vec3) -> Vec<Pose> {
     poses.iter().map(turn).collect()
 }
 
-/// Poses at distance 3 from the target, which look at it from azimuths `from` to `to` and elevation `pitch`, degrees.
+/// Poses at distance 3 from [`TARGET`], which look at this point. Their azimuths are evenly spaced from `from` to `to`,
+/// degrees; their elevation is `pitch`, degrees.
 fn arc(count: usize, from: f32, to: f32, pitch: f32) -> Vec<Pose> {
     let pose = |i: usize| {
         let azimuth = (from + (to - from) * i as f32 / (count - 1) as f32).to_radians();

@@ -20,7 +20,8 @@ pub struct Knob {
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Numbers of samples per ray to try if samples lie in bins, as fractions of the number in training.
+/// Numbers of samples per ray to try if rays are not marched, as fractions of the number in training. Without marching,
+/// a ray has one sample in each of equal bins between near and far.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
 /// March steps to try if rays are marched, in hundredths of the step in training.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];

@@ -8,8 +8,10 @@
 //!                                  Pareto front ─► report, blob
 //! ```
 //!
-//! *Exact* renders every sample inside the scene box, without transmittance or colour cut, with polynomial sines, in
-//! f32 with the fastest instructions; with the occupancy grid only if the blob says that the grid is part of the model.
+//! *Exact* renders every sample inside the scene box, in f32 with the fastest instructions, with polynomial sines. Rays
+//! do not end early at low transmittance, and the colour of every sample is evaluated. The occupancy grid is used only
+//! if the blob says that the grid is part of the model.
+//!
 //! *Base* has a renderer's default settings. Knobs, settings that trade accuracy for time, are varied one at a time.
 
 mod combine;

@@ -2,9 +2,9 @@
 //!
 //! lists of values → their combinations → one run each, kept as one small file → table, plots, sheet
 //!
-//! A folder holds a sweep: `sweep.json` has what all of its runs share, `runs/` a record and a picture of each
-//! finished run. A record is never made twice, whichever process made it. Runs can be spread over machines
-//! ([`Shard`](super::Shard)) into one folder, or into several that are merged.
+//! A folder holds a sweep: the file `sweep.json` holds what all runs share, and the folder `runs` holds a record and a
+//! picture of each finished run. A record is never made twice, whichever process made it. Runs can be spread over
+//! machines ([`Shard`](super::Shard)), into one folder or into several that are merged later.
 
 mod combinations;
 mod folder;
@@ -44,7 +44,8 @@ pub enum Status {
     Ok,
     /// A number overflowed, or every density became 0.
     Diverged,
-    /// The run ended, but scores no better than one flat colour: the rate is too high, or the steps are too few.
+    /// The run ended, but scores no better than one flat colour: the learning rate is too high, or the steps are too
+    /// few.
     Flat,
 }
 

@@ -1,10 +1,16 @@
 //! Networks that were trained elsewhere, from files whose tensors are named as in nerf-pytorch.
 //!
 //! ```text
-//! .npz, .safetensors ─► Tensors ─► layers, columns permuted ─► Model + parameters ─► fold ─► blob
-//!                        names       Settings: what the            engine::Model    checked on views
-//!                                    file cannot say
+//! .npz, .safetensors
+//!   ─► Tensors                   tensors by name
+//!   ─► layers, columns permuted  with Settings, which say what the file does not
+//!   ─► engine::Model, parameters
+//!   ─► folded parameters         the feature layer is merged into the layer after it
+//!   ─► blob                      checked on views
 //! ```
+//!
+//! `W` and `V` are widths of layers, PE is the sinusoidal encoding, `x` the position and `d` the direction; `h` is the
+//! output of the layer before.
 //!
 //! | tensor | shape | becomes |
 //! | --- | --- | --- |
@@ -79,8 +85,8 @@ pub struct Request<'a> {
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Views whose rays give the mean encoded direction, which replaces view dependence: training views, if there are
-    /// any.
+    /// Views over whose rays the encoded direction is averaged: training views, if there are any. If view dependence is
+    /// left out, this mean replaces the encoded direction.
     pub rays: Vec<View>,
 }
 

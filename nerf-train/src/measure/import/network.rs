@@ -165,7 +165,8 @@ impl<'t> Reader<'t> {
         Ok((None, heapless::Vec::new()))
     }
 
-    /// Number of layers named `layers.0`, `layers.1`, …: one more than the largest index.
+    /// Number of layers whose names are the text `layers` with `.0`, `.1`, …: the largest index plus one. An error if
+    /// there are more than `most`.
     fn count(&self, layers: &'static str, most: usize) -> anyhow::Result<usize> {
         let index = |name: &String| -> Option<usize> {
             name.strip_prefix(layers)?.strip_prefix('.')?.split('.').next()?.parse().ok()

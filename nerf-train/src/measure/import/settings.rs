@@ -12,10 +12,10 @@ use nerf_core::space::SceneBox;
 /// The factor `s` in `sin(2^k s x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum AngleFactor {
-    /// s = 1, as in the original code and nerf-pytorch.
+    /// s = 1, as in the original NeRF code and nerf-pytorch.
     #[value(name = "1")]
     One,
-    /// s = π, as in the paper's formula.
+    /// s = π, as in the formula of the NeRF paper.
     Pi,
 }
 
@@ -28,10 +28,10 @@ impl AngleFactor {
     }
 }
 
-/// Activation from the density head's output to sigma.
+/// Activation that turns the density head's output into sigma.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum RawDensity {
-    /// max(0, raw), as in the original code and nerf-pytorch.
+    /// max(0, raw), as in the original NeRF code and nerf-pytorch.
     Relu,
     /// ln(1 + exp(raw)).
     Softplus,
@@ -41,15 +41,16 @@ pub enum RawDensity {
 
 /// Settings of an import that a checkpoint does not hold.
 ///
-/// The defaults are those of nerf-pytorch for the synthetic scenes, on black.
+/// The defaults are those of nerf-pytorch for the synthetic scenes, with a black background.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
 #[command(next_help_heading = "Settings that the checkpoint does not store [defaults: as nerf-pytorch]")]
 pub struct Settings {
     /// Factor s of the encoding sin(2^k s x).
     #[arg(long, value_enum, value_name = "S", default_value = "1")]
     pub angle_scale: AngleFactor,
-    /// Order of sines and cosines: level (nerf-pytorch), pairs, input (tiny-cuda-nn), halves (mip-NeRF),
-    /// halves-by-input (nerfstudio).
+    /// Order of sines and cosines. Level by level, either sin x, sin y, ..., cos x, cos y, ... (level, nerf-pytorch)
+    /// or sin x, cos x, sin y, cos y, ... (pairs). Input by input: sin, cos of each level (input, tiny-cuda-nn).
+    /// All sines, then all cosines: level by level (halves, mip-NeRF) or input by input (halves-by-input, nerfstudio).
     #[arg(long, value_enum, default_value = "level")]
     pub order: Order,
     /// Position of the raw inputs in the encoding [default: first, if present].
@@ -73,7 +74,7 @@ pub struct Settings {
     /// Far plane, world units along the ray.
     #[arg(long, value_name = "T", default_value_t = 6.0)]
     pub far: f32,
-    /// Scene box, world units; outside of it density is 0.
+    /// Scene box: least x, y, z, then greatest x, y, z, world units. Outside of the box density is 0.
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",
@@ -88,10 +89,10 @@ pub struct Settings {
     /// Samples per ray of the coarse network.
     #[arg(long, value_name = "N", requires = "coarse", default_value_t = 64)]
     pub coarse_samples: u16,
-    /// Cells of a built occupancy grid along the longest side of the box.
+    /// Cells of the occupancy grid along the longest side of the box, if the import builds the grid.
     #[arg(long, value_name = "N", default_value_t = 128)]
     pub occupancy_resolution: u16,
-    /// A cell of a built occupancy grid is occupied if density × sample spacing is above this.
+    /// Density × (far − near) / samples above which a cell is occupied, if the import builds the occupancy grid.
     #[arg(long, value_name = "X", default_value_t = 0.01)]
     pub occupancy_threshold: f32,
 }
@@ -118,7 +119,8 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Checks every setting. The rules of the scene file's format are checked when the file is written.
+    /// Checks that every setting is within its limits. The limits of the scene file's format are checked when the file
+    /// is written.
     pub fn check(&self) -> Result<(), ConfigError> {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
         let sound = near >= 0.0 && near < far && far.is_finite();

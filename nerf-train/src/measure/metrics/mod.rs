@@ -74,9 +74,9 @@ pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
 
 /// Whether no view scores better than one flat colour. `psnr_and_flat_db`: PSNR and [`flat_psnr_db`] of every view.
 ///
-/// A view's mean is its best flat colour: a single view that scores better proves that the network has learned
-/// something. Views that are one flat colour (+inf) prove nothing and are ignored; without other views the result is
-/// false.
+/// The best flat colour of a view is its mean colour. A single view that scores better than this proves that the
+/// network has learned something. Views that are one flat colour (+inf) prove nothing and are ignored; without other
+/// views the result is false.
 pub fn is_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> bool {
     let mut telling = psnr_and_flat_db.into_iter().filter(|(_, flat)| flat.is_finite()).peekable();
     telling.peek().is_some() && !telling.any(|(psnr, flat)| psnr > flat)
@@ -149,8 +149,8 @@ fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Opti
     sum / windows as f64
 }
 
-/// Normalised Gaussian weights of an SSIM window along a side of `length` ≥ 1 pixels: 11, or fewer if the side is
-/// shorter.
+/// Gaussian weights of an SSIM window along a side of `length` ≥ 1 pixels; their sum is 1. The number of weights is 11
+/// or, if the side is shorter, the largest odd number up to `length`.
 fn gaussian(length: usize) -> Vec<f64> {
     let taps = WINDOW.min(if length % 2 == 1 { length } else { length - 1 });
     let middle = (taps / 2) as f64;
@@ -159,7 +159,8 @@ fn gaussian(length: usize) -> Vec<f64> {
     raw.iter().map(|w| w / sum).collect()
 }
 
-/// Correlates rows with `across` and columns with `down`, unpadded: `[(height − down + 1) × (width − across + 1)]`.
+/// Correlates each row with the window weights `across` and each column with the window weights `down`, without
+/// padding. Returns `[height − down.len() + 1][width − across.len() + 1]`.
 fn blur_valid(plane: &[f64], width: usize, height: usize, across: &[f64], down: &[f64]) -> Vec<f64> {
     let (out_width, out_height) = (width + 1 - across.len(), height + 1 - down.len());
     let mut blurred = vec![0.0; out_width * out_height];

@@ -19,7 +19,8 @@ use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, Sinus
 use nerf_core::network::{Architecture, DensityActivation, MAX_COLOUR, MAX_TRUNK, Shading, TrunkLayer};
 use serde::{Deserialize, Serialize};
 
-/// Candidate resolutions of the occupancy grid: numbers of cells along the longest side of the scene box.
+/// Resolutions among which [`Config::occupancy_resolution`] chooses: numbers of cells of the occupancy grid along the
+/// longest side of the scene box.
 const OCCUPANCY_RESOLUTIONS: [u16; 5] = [128, 96, 64, 48, 32];
 
 /// Every setting of a run. Fields that a TOML file leaves out keep the preset's value.
@@ -65,8 +66,8 @@ pub struct NetworkConfig {
     pub density: Density,
     /// Factor on the density head's raw output in training: `sigma = activation(density_scale · raw)`.
     pub density_scale: f32,
-    /// Initial value that is added to `density_scale · raw`. With an exponential density, this is the logarithm of the
-    /// initial optical depth along the longest side of the scene box.
+    /// Initial bias `b` of the density: `sigma = activation(density_scale · raw + b)`. With an exponential density,
+    /// exp(`b`) is the initial optical depth along the longest side of the scene box.
     pub density_bias: f32,
 }
 
@@ -99,7 +100,8 @@ pub struct SamplingConfig {
     /// `samples` is at most 2^27.
     pub rays: usize,
     /// Target number of samples per step; the number of rays is adapted to it. Only samples in occupied cells count.
-    /// With a learned grid, their compositing weights must also be large enough. 0: every step has `rays` rays.
+    /// With a learned grid, only trained samples count: those of compositing weight above 0.003, and a random choice
+    /// of the others. 0: every step has `rays` rays.
     pub live_samples: usize,
     /// Number of random images per step, with equally many rays each. 0: rays are drawn from all pixels of all images.
     pub images: usize,
@@ -112,9 +114,10 @@ pub struct SamplingConfig {
     /// Scene box as x0 y0 z0 x1 y1 z1, world units; derived from the data if absent. Not allowed if `contraction` is
     /// set.
     pub scene_box: Option<[f32; 6]>,
-    /// Power of an unbounded scene's contraction: 1, 2 or 4; absent for a scene in a box. Outside an uncontracted ball
-    /// around the cameras' subject, ray march steps grow with distance. The power sets how fast: with 1, steps are
-    /// uniform in disparity. Requires a learned grid.
+    /// Power of an unbounded scene's contraction: 1, 2 or 4; absent for a scene in a box. Contraction maps all of space
+    /// into a cube, and leaves a ball around the cameras' subject unchanged. Outside the ball, ray march steps grow
+    /// with the distance r: as r² with power 1 (uniform in disparity), as r^1.5 with 2, as r^1.25 with 4. Requires a
+    /// learned grid.
     pub contraction: Option<u8>,
     /// Weight of the distortion loss, which concentrates the compositing weights along a ray; 0 for none. Unbounded
     /// scenes only. The unit of distance in this loss is the side of the contracted cube.
@@ -158,8 +161,9 @@ impl Default for CaptureConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
-    /// In an unbounded scene, photographs have gains if their exposures differ enough. In a scene box, they have gains
-    /// if withheld photographs have a far larger error than the others.
+    /// In an unbounded scene, photographs have gains if the standard deviation of their log gains is at least 0.12, or
+    /// if one gain is at least a factor of 2 from the mean. In a scene box, they have gains if the PSNR of withheld
+    /// photographs is more than 3.4 dB below that of the others.
     Auto,
     /// Each photograph has its own gain.
     Own,
@@ -171,8 +175,9 @@ pub enum Exposure {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
-    /// Poses stay as given if the reprojection error of the sparse points is small. Otherwise, poses are refined on
-    /// trial in the first steps, and afterwards only if the cameras moved enough.
+    /// Poses stay as given if the median reprojection error of the sparse points is at most 2 pixels. Otherwise, poses
+    /// are refined in the first 1,000 steps. Refinement then goes on if the median motion of the images is at least
+    /// 0.008 focal lengths; if not, the given poses are restored.
     Auto,
     /// Poses are refined throughout training.
     Refine,
@@ -232,8 +237,8 @@ pub struct OccupancyConfig {
     pub skip: bool,
     /// Number of cells along the longest side of the scene box. 0: chosen from the size of the learned grid's tables.
     pub resolution: u16,
-    /// Whether the occupancy grid begins as a visual hull. Effective only if the images show which pixels are
-    /// background.
+    /// Whether the occupancy grid begins as a visual hull: the cells that no image shows as background. Effective only
+    /// if the images show which pixels are background.
     pub hull: bool,
     /// Number of steps between updates of the occupancy grid from the network's densities.
     pub every: u32,
@@ -262,7 +267,8 @@ impl Config {
         if self.network.grid.is_some() { 16 } else { 1 }
     }
 
-    /// Returns the network in its training form, for a scene box that is a cube of side 1.
+    /// Returns the model that training fits, for a scene box that is a cube of side 1. Export merges some of the
+    /// model's layers.
     pub fn model(&self) -> Model {
         self.model_of(Vec3::ONE)
     }
@@ -282,7 +288,8 @@ impl Config {
         OCCUPANCY_RESOLUTIONS.into_iter().find(fits).unwrap_or(OCCUPANCY_RESOLUTIONS[4])
     }
 
-    /// Returns the network in its training form, for a scene box of this extent, world units.
+    /// Returns the model that training fits, for a scene box of this extent, world units. The extent sets the number of
+    /// grid cells per axis, and the initial value of an exponential density.
     pub fn model_of(&self, extent: Vec3) -> Model {
         let n = &self.network;
         let sinusoidal =
@@ -327,7 +334,8 @@ impl Config {
     }
 
     /// Adapts the settings to data from which no visual hull can be carved. The network must then learn which space is
-    /// empty. A gentler start keeps its densities from all becoming 0.
+    /// empty. With a grid: lowers the initial density, and makes grid cells and march steps finer. With the preset
+    /// small: lowers initial density and learning rate, so that not all densities become 0.
     pub fn without_hull(mut self) -> Self {
         if self.preset == Preset::Small {
             self.network.density_bias = 0.5;
@@ -360,7 +368,9 @@ impl Config {
         }
     }
 
-    /// Adapts the settings to photographs of an unbounded scene; without a grid, the same as [`Config::without_hull`].
+    /// Adapts the settings to photographs of an unbounded scene: turns on contraction, and sets the grid's size, the
+    /// samples per step, the initial density and the occupancy grid. Without a grid, does [`Config::without_hull`]
+    /// instead.
     pub fn unbounded(mut self) -> Self {
         let Some(grid) = &mut self.network.grid else { return self.without_hull() };
         (grid.log2_entries, grid.coarsest, grid.finest) = (16, 16, 1024);

@@ -22,8 +22,9 @@ pub struct OptimiserConfig {
     /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
     /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Decay per step of the exponential average of the parameters. Export takes this average. Its time constant is at
-    /// most a ninth of the steps so far. 0: no average; export takes the parameters of the last step.
+    /// Decay per step of the exponential average of the parameters, which export takes. Early in a run the decay is
+    /// smaller: the average's time constant is at most a ninth of the steps so far. 0: no average; export takes the
+    /// parameters of the last step.
     pub average: f64,
     /// Number of steps between two updates of a hashed level of the grid. An update uses the sum of the gradients since
     /// the last update. 1: every level is updated at every step.

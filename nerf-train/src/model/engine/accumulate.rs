@@ -15,9 +15,11 @@ const ROWS: usize = 32;
 pub(super) struct LayerSum {
     /// Whether anything was added since [`LayerSum::clear`]; if not, the values are stale.
     touched: bool,
-    /// Gradient with respect to the weights of the main inputs, `[outputs][padded main]`.
+    /// Gradient with respect to the weights of the main inputs, `[outputs][padded main]`. Main inputs are the outputs
+    /// of the layer before or, in the first layer, the encoded position.
     main: Vec<f32>,
-    /// Gradient with respect to the weights of the extra inputs, `[outputs][padded extra]`.
+    /// Gradient with respect to the weights of the extra inputs, `[outputs][padded extra]`. Extra inputs are the
+    /// encoded position (skip connection) or the encoded direction.
     extra: Vec<f32>,
     bias: Vec<f32>,
 }
@@ -119,7 +121,7 @@ fn add_dots(gradient: &mut [f32], columns: usize, dy: &[f32], x: &[f32], lanes: 
     }
 }
 
-/// Returns the sum of `term(i)` over all lanes `i`, added in an order that vectorises.
+/// Returns the sum of `term(i)` over all lanes `i`, in an order of additions that the compiler can vectorise.
 fn sum(lanes: &[f32], term: impl Fn(usize) -> f32) -> f32 {
     let mut partial = [0.0; VECTOR];
     for first in (0..lanes.len()).step_by(VECTOR) {

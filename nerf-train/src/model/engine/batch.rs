@@ -70,15 +70,16 @@ pub struct Batch {
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// Factor by which the gradient that each sample receives is multiplied; empty if all factors are 1. With a grid
-    /// only.
+    /// Factor on the gradients of the loss with respect to each sample's raw density and features; less than 1 near the
+    /// cameras. Empty if all factors are 1. With a grid only.
     pub gradient_scales: Vec<f32>,
     /// Points in empty cells, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
     /// Weight of the loss term that pushes the density at the `empty` points to 0.
     pub empty_weight: f32,
-    /// Seed and step for the random numbers of Russian roulette, which trains a random choice of the samples of small
-    /// weight. Fog consists of such samples. `None`: no sample of small weight is trained. With a grid only.
+    /// Seed and step for the random numbers of Russian roulette: of the samples of small compositing weight, a random
+    /// choice is trained. Fog consists of samples of small weight. `None`: no sample of small weight is trained. With a
+    /// grid only.
     pub roulette: Option<(u64, u64)>,
     /// Known surfaces of the first rays of the batch, one per ray; later rays have none. May be empty. With a grid
     /// only.
@@ -91,8 +92,8 @@ pub struct Batch {
     pub pixels: Vec<u32>,
     /// Origin of each ray, world units.
     pub origins: Vec<[f32; 3]>,
-    /// Request for gradients with respect to the rays. These gradients treat the distances between samples in the
-    /// distortion loss as constants.
+    /// Request for gradients with respect to the rays. In these gradients, the distances between samples, on which the
+    /// distortion loss depends, are constants.
     pub question: Option<RayQuestion>,
     /// Gain of each ray's photograph, in red, green and blue. The rendered colour is multiplied by this gain before the
     /// background is added. Empty: all gains are 1.

@@ -14,8 +14,8 @@ pub(super) const POSITION: usize = 0;
 pub(super) const DIRECTION: usize = 1;
 pub(super) const FIRST: usize = 2;
 
-/// Padding unit of lanes and matrix rows: their lengths are padded to a multiple of this many values. In every
-/// instruction set, this is a whole number of vectors.
+/// Padding unit, in values. The number of lanes computed in a block and the length of matrix rows are rounded up to a
+/// multiple of this number, which is a whole number of vectors in every instruction set.
 pub(super) const VECTOR: usize = 16;
 
 pub(super) fn padded(length: usize) -> usize {

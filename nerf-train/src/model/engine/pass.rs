@@ -174,8 +174,8 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of the colour branch. `upper`: dL/d (raw colour) before the call, dL/d (trunk's outputs)
-    /// after it.
+    /// Does the backward pass of the colour branch. The buffer `self.upper` holds dL/d (colour before the sigmoid)
+    /// before the call, and dL/d (trunk's outputs) after it.
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -190,8 +190,8 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of density and trunk from dL/d sigma. If `colour`, `upper` already holds dL/d (trunk's
-    /// outputs) through the colour, and the density's part is added to it.
+    /// Does the backward pass of density and trunk from dL/d sigma. `colour`: whether the buffer `self.upper` already
+    /// holds the part of dL/d (trunk's outputs) through the colour branch. The density's part is then added to it.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {

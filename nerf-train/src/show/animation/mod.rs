@@ -38,9 +38,9 @@ pub struct GifWriter {
 impl GifWriter {
     /// Opens the file at `path`, for frames of `width` × `height` pixels.
     ///
-    /// `fps`: frames per second. GIF counts delays in hundredths of a second: if `fps` does not divide 100, delays
-    /// alternate so that their mean is exact. A file of more than 50 `fps` plays at 50, because viewers slow down
-    /// faster files.
+    /// `fps`: frames per second. GIF counts delays in hundredths of a second. If 100 / `fps` is not a whole number,
+    /// delays of different lengths alternate, so that their mean is right. If `fps` is above 50, delays are those of 50
+    /// frames per second: viewers play files with shorter delays much more slowly.
     pub fn create(path: impl AsRef<Path>, width: usize, height: usize, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         let side = |pixels| u16::try_from(pixels).ok().filter(|&side| side > 0);

@@ -60,10 +60,10 @@ pub(super) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// Returns the first `count` rays that the training step samples from `views`, with facts about the step. `first`:
+    /// Returns the first `count` rays of a step on `views`, and the step's numbers of rays, bins and samples. `first`:
     /// index of the first view's camera in the scene.
     ///
-    /// `whole`: whether the step samples as many rays as in training; if not, it samples `count` rays.
+    /// `whole`: whether the step draws as many rays as in training; if not, the step draws only `count` rays.
     pub(super) fn draw(
         &self,
         views: &[View],

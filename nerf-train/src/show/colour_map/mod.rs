@@ -10,11 +10,12 @@ pub const EMPTY: [f32; 3] = [0.86; 3];
 /// Opacity above which a pixel shows a surface, so that its distance is used.
 const SOLID: f32 = 0.5;
 
-/// Colour map of [0, 1] whose lightness rises evenly: readable in grey print, and by the colour-blind.
+/// Colour map of values from 0 to 1. Lightness rises evenly, so that a picture is readable in grey print, and by the
+/// colour-blind.
 ///
 /// # Source
-/// Degree-6 polynomials fitted to matplotlib's maps (van der Walt and Smith, CC0) by Matt Zucker,
-/// public domain, <https://www.shadertoy.com/view/WlfXRN>; within 0.02 of the tables.
+/// Degree-6 polynomials fitted to matplotlib's maps (van der Walt and Smith, CC0) by Matt Zucker, public domain,
+/// <https://www.shadertoy.com/view/WlfXRN>; within 0.02 of the tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColourMap {
     /// Violet, blue, green, yellow: for distances.
@@ -62,7 +63,8 @@ impl ColourMap {
 /// Range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
 ///
 /// `values` (any unit), `opacity`: `[n]`. Only finite values are used; `None` if there are none. A few outliers cannot
-/// stretch the range. Equal ends (a flat wall) are widened by half a per cent each way.
+/// stretch the range. If the ends are equal, as for a flat wall at v, the range is v ± 0.5 % of v; at v = 0, −0.5 to
+/// 0.5.
 pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     let solid = |&(value, opacity): &(&f32, &f32)| value.is_finite() && *opacity > SOLID;
     let mut kept: Vec<f32> = values.iter().zip(opacity).filter(solid).map(|(&value, _)| value).collect();
@@ -74,7 +76,8 @@ pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     Some(widened(low, high))
 }
 
-/// Range between two finite ends, in either order; widened if the ends are equal.
+/// Range between two finite ends, in either order. Equal ends v are moved apart: to v ± 0.5 % of v, or to −0.5 and 0.5
+/// if v is 0.
 fn widened(low: f32, high: f32) -> (f32, f32) {
     let (low, high) = if low <= high { (low, high) } else { (high, low) };
     let middle = low.abs().max(high.abs());
@@ -85,8 +88,8 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// Range of the colours of a picture of distances: `range` if its ends are finite, else [`robust_range`], or 0 to 1 if
-/// that is `None`.
+/// Range of the colours of a picture of distances: `range` if both its ends are finite. Otherwise [`robust_range`], or
+/// 0 to 1 if that is `None`.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),
@@ -130,9 +133,10 @@ fn depth_picture(
     Picture::new(width, height, values.iter().zip(opacity).map(colour).collect())
 }
 
-/// Picture of normals: red, green, blue are (x, y, z) / 2 + 1/2 of the unit vector.
+/// Picture of normals: a unit normal (x, y, z) gets red (x + 1) / 2, green (y + 1) / 2 and blue (z + 1) / 2.
 ///
-/// `normals`, `opacity`: `[height * width]`. Pixels of opacity ≤ 0.5, or whose normal is 0, are [`EMPTY`].
+/// `normals` (unit length, world axes), `opacity`: `[height * width]`. Pixels of opacity ≤ 0.5, or whose normal is 0,
+/// are [`EMPTY`].
 pub fn normal_picture(
     normals: &[[f32; 3]],
     opacity: &[f32],
@@ -147,8 +151,8 @@ pub fn normal_picture(
     Picture::new(width, height, normals.iter().zip(opacity).map(colour).collect())
 }
 
-/// `picture` with a legend on its right: a bar of the map's colours, ticks in the unit of `range`, and a vertical
-/// `title`. Small pictures are enlarged by a whole factor, to at least 256 pixels.
+/// Picture with a legend on its right: a bar of the map's colours, ticks in the unit of `range`, and a vertical
+/// `title`. A small `picture` is enlarged by the smallest whole factor that makes its longer side at least 256 pixels.
 pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: &str) -> Picture {
     const SIZE: f32 = 18.0;
     const MARGIN: usize = 12;

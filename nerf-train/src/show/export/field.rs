@@ -17,12 +17,14 @@ pub struct Field<'a, 'b> {
 }
 
 impl<'a, 'b> Field<'a, 'b> {
-    /// Field of a renderer's scene, evaluated with `plan`.
+    /// Field of a renderer's scene. `plan`: decides the precision, and whether densities are 0 in the empty cells of an
+    /// occupancy grid.
     pub fn new(renderer: &'a Renderer<'b>, plan: &'a Plan<'a>) -> Self {
         Self { renderer, plan }
     }
 
-    /// Whether the scene is unbounded. Contracted space has no outside in which a ray could begin.
+    /// Whether the scene is unbounded: its space is contracted. Such a scene has no outside, so that no ray can find
+    /// its surfaces from there.
     pub fn is_unbounded(&self) -> bool {
         self.renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some())
     }
@@ -55,8 +57,8 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Distance along each ray at which the ray's opacity crosses 1/2, world units; `None` if it stays below 1/2. Rays
-    /// are `length` world units long and have one sample in the middle of each of `steps` equal bins.
+    /// Distance along each ray at which the opacity reaches 1/2, world units; `None` if it stays below 1/2. Each ray is
+    /// `length` world units long, and has one sample in the middle of each of `steps` equal bins.
     pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> anyhow::Result<Vec<Option<f32>>> {
         let delta = length / steps as f32;
         let points = |ray: &Ray| {
@@ -73,7 +75,8 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 }
 
-/// Distance at which the optical depth, summed over bins of width `delta`, reaches ln 2 (opacity 1/2); `None`: never.
+/// Distance along a ray at which the optical depth reaches ln 2 (opacity 1/2), in the unit of `delta`; `None`: never.
+/// `sigma`: density in each bin of the ray; `delta`: width of a bin.
 fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
     let mut depth = 0.0;
     for (i, sigma) in sigma.iter().enumerate() {

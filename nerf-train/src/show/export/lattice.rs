@@ -37,7 +37,7 @@ impl Lattice {
         (0..width * height).map(corner).collect()
     }
 
-    /// Optical depth of one cube at each corner of slice `z`: density times the side of a cube. 0 at the sides of the
+    /// Optical depth at each corner of slice `z`: the density there, times the side of a cube. 0 at the sides of the
     /// lattice, which are outside of the box.
     pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
@@ -65,7 +65,7 @@ impl Lattice {
 }
 
 /// Side of a cube, world units, and number of cubes along each axis, for a box with `resolution` cubes along its
-/// longest side.
+/// longest side. A lattice's additional layer around the box is not included.
 pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> anyhow::Result<(f32, [usize; 3])> {
     let extent = bounds.max - bounds.min;
     let cell = extent.max_element() / resolution.max(1) as f32;

@@ -77,7 +77,8 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    /// Adds a face (two triangles) for each crossed lattice edge within slice `z`, and from slice `z` to `z + 1`.
+    /// Adds a face (two triangles) for each crossed edge of the lattice that lies in slice `z`, or between slices `z`
+    /// and `z + 1`. `above`: levels at the corners of slice `z + 1`.
     fn faces(&mut self, z: usize, above: &[f16]) {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;
@@ -106,7 +107,8 @@ impl<'l> Net<'l> {
     }
 }
 
-/// Mean of the points where the surface crosses the edges of a cube, in units of the cube's side.
+/// Mean of the points where the surface crosses the edges of a cube: position relative to the cube's lower corner, in
+/// units of the cube's side. `values`: levels at the corners, numbered as in [`EDGES`] (bit 0 of the index is x).
 fn crossing(values: &[f32; 8]) -> Vec3 {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
     let crossed = EDGES.iter().filter(|(a, b)| (values[*a] > 0.5) != (values[*b] > 0.5));
@@ -117,7 +119,7 @@ fn crossing(values: &[f32; 8]) -> Vec3 {
     sum / count
 }
 
-/// Gradient of the levels in a cube, from those at its corners; only its direction is meaningful.
+/// Gradient of the levels in a cube; only its direction is meaningful. `v`: levels at the corners, as in [`crossing`].
 fn slope(v: &[f32; 8]) -> Vec3 {
     let rise = |bit: usize| (0..8).map(|i| if i & bit == 0 { -v[i] } else { v[i] }).sum();
     Vec3::new(rise(1), rise(2), rise(4))

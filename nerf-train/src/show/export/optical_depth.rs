@@ -8,11 +8,11 @@ use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Ratio at which the level of a point is 1: its density or optical depth, divided by the value at the surface. The
-/// level is 0.5 at the surface, and 0 at the inverse ratio.
+/// Largest ratio that [`level`] distinguishes. The ratio is a point's density or optical depth, divided by its value at
+/// the surface. The level is 0.5 at ratio 1, 1 from this ratio on, and 0 at the inverse of this ratio and below.
 const RANGE: f32 = 1000.0;
-/// Largest optical depth (opacity 15/16) that a corner passes on to the next. With this limit, a decaying sum is small
-/// again soon after opaque matter.
+/// Limit on the sum of optical depths at a corner (opacity 15/16), applied when the next corner's sum is computed from
+/// it. With this limit, a decaying sum is small again soon after opaque matter.
 const DARK: f32 = 4.0 * LN_2;
 /// The nine directions from a corner to the next slice, as steps in x and y: straight, and to the eight neighbours.
 const ACROSS: [[isize; 2]; 9] =
@@ -33,9 +33,9 @@ pub(super) struct OpticalDepth {
 }
 
 impl OpticalDepth {
-    /// Sums the optical depths of cells ([`Lattice::cell_depths`]). `decay`: number of cells over which a sum falls by
-    /// a factor of about e; infinite: no decay. With decay, surfaces are visible from free space inside of the box,
-    /// too.
+    /// Sums the optical depths `cells` of all slices ([`Lattice::cell_depths`]). `decay`: number of cells over which a
+    /// sum falls by a factor of about e; infinite: no decay. With decay, surfaces are visible from free space inside of
+    /// the box, too.
     pub(super) fn new(lattice: &Lattice, cells: &[Vec<f16>], decay: f32) -> Self {
         let slices = cells.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
         let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
@@ -55,7 +55,8 @@ impl OpticalDepth {
         self.slices[z].iter().map(|least| level(depth(least) / LN_2)).collect()
     }
 
-    /// Sums optical depths along the eight directions within each slice.
+    /// Sums optical depths along the eight directions within each slice. `keep`: factor on a sum for each cell of path
+    /// length; 1 without decay.
     fn within_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32) {
         let [width, height] = lattice.corners();
         self.slices.par_iter_mut().zip(cells).for_each(|(least, cells)| {
@@ -76,8 +77,8 @@ impl OpticalDepth {
         });
     }
 
-    /// Sums optical depths along the nine directions from slice to slice; `order`: indices of the slices, ascending or
-    /// descending.
+    /// Sums optical depths along the nine directions from slice to slice. `keep`: factor on a sum for each cell of path
+    /// length; 1 without decay. `order`: indices of the slices, ascending or descending.
     fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {

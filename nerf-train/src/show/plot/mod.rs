@@ -59,7 +59,7 @@ pub enum Marker {
 #[derive(Clone, Debug)]
 pub struct Series {
     pub name: String,
-    /// (x, y) in the units of the axes; points that are not finite are left out.
+    /// (x, y) in the units of the axes. Points that are not finite, or above `LARGEST` in magnitude, are left out.
     pub points: Vec<(f64, f64)>,
     pub marker: Marker,
 }
@@ -117,7 +117,7 @@ impl LinePlot {
         Ok(printable::lines(&svg).into_owned())
     }
 
-    /// Writes `<stem>.png` and `<stem>.svg`, for example `out/psnr` → `out/psnr.png`, and returns both.
+    /// Writes `<stem>.png` and `<stem>.svg`, for example `out/psnr` → `out/psnr.png`. Returns both paths.
     pub fn write(&self, stem: impl AsRef<Path>) -> anyhow::Result<[PathBuf; 2]> {
         let with = |ending: &str| {
             // `with_extension` would cut off the ".1" of a stem such as "psnr_0.1".
@@ -232,7 +232,7 @@ impl LinePlot {
         Ok(())
     }
 
-    /// Draws the title, and returns the first row of pixels below it.
+    /// Draws the title, and returns the first row of pixels below the title.
     fn draw_title<DB: DrawingBackend>(&self, root: &DrawingArea<DB, Shift>) -> Drawn<DB, i32> {
         let mut top = MARGIN;
         for line in text::wrap(&self.title, TITLE_SIZE, WIDTH - 2 * MARGIN as usize).iter().take(3) {
@@ -242,7 +242,9 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the notes at the bottom, and returns the first row of pixels that they cover.
+    /// Draws the plot's notes at the bottom, and one more note if points were left out. Returns the row of pixels at
+    /// which the space for the chart ends. `left_out`: number of points that were left out; `top`: first row below the
+    /// title.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -271,7 +273,8 @@ impl LinePlot {
         Ok(first - if lines.is_empty() { 0 } else { 6 })
     }
 
-    /// Draws the legend at the right edge, and returns the first column of pixels that the legend covers.
+    /// Draws the legend at the right edge, between rows `top` and `bottom`. Returns the first column of pixels that the
+    /// legend covers; without entries, the picture's width.
     fn draw_legend<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -347,8 +350,9 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Range of a logarithmic axis, and its ticks: 1, 2 and 5 times powers of ten, or powers of ten only if there would be
-/// too many. The range ends at the ticks around the values.
+/// Range of a logarithmic axis, and its ticks. Ticks are at 1, 2 and 5 times the powers of ten. If these are more than
+/// [`TICKS`], ticks are at powers of ten alone, or at every second or third of them, and so on. The range ends at the
+/// ticks around the values.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;

@@ -82,9 +82,9 @@ enum Sink {
 #[derive(Debug)]
 pub struct AtomicFile {
     sink: Sink,
-    /// The name the caller gave, for messages.
+    /// Name that the caller gave; used in messages.
     path: PathBuf,
-    /// The name that is replaced: `path` with symbolic links resolved.
+    /// Name of the file that is replaced: `path` with symbolic links resolved.
     target: PathBuf,
     /// Whether a write has failed; the file must then never be committed.
     failed: bool,
@@ -298,7 +298,8 @@ fn remove_folder(path: &Path) {
     }
 }
 
-/// Builder of hidden temporaries with the permissions of ordinary new files (tempfile's own defaults are narrower).
+/// Builder of a hidden temporary file or folder. `mode`: permissions before the umask, 0o666 for a file and 0o777 for a
+/// folder, as for any new one. (The defaults of the crate tempfile are narrower.)
 fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     // A fixed short prefix: the target's name may already be as long as the file system allows.

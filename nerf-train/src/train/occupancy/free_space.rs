@@ -8,7 +8,8 @@ use rayon::prelude::*;
 /// Fraction of a line of sight, measured from the camera, along which space is taken as free. It is below 1, since
 /// points are inexact and surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
-/// Least number of crossings by lines of sight that proves a cell free. In a block, the crossings of all cells count.
+/// Least number of crossings by lines of sight that proves a cell free. For a block, the crossings of all its cells are
+/// added; this number of crossings then proves the whole block free.
 const MIN_CROSSINGS: u32 = 3;
 /// A cell is free only if more than this number of lines of sight cross it for each line that ends in it.
 const ENDS: u32 = 4;
@@ -16,7 +17,8 @@ const ENDS: u32 = 4;
 const BLOCK: usize = 4;
 /// Lines of sight with a confidence below this are ignored.
 const MIN_CONFIDENCE: f32 = 0.15;
-/// Steps per cell along a line of sight, in the uncontracted ball.
+/// Number of steps per side of a cell, along a line of sight in the uncontracted ball. Outside of the ball, steps grow
+/// with the distance, as cells do.
 const STEPS_A_CELL: f32 = 2.0;
 
 /// Returns for each cell of an unbounded scene whether it is free. The cell at `(x, y, z)` has index `(x ny + y) nz +

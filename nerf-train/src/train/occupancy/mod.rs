@@ -20,8 +20,9 @@ pub use silhouette::is_foreground;
 /// Least fraction of the candidate cells that an update may leave occupied. An update that leaves fewer is not applied:
 /// a network without density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// A cell of the visual hull must be seen by at least a quarter of the number of views that see the most-seen cell.
-/// This excludes space behind the scene, which is not carved because only a few cameras see it.
+/// Divisor of the number of views that see the most-seen cell. The quotient, rounded up, is the least number of views
+/// that must see a cell of the visual hull. This excludes space behind the scene, which is not carved because only a
+/// few cameras see it.
 const SEEN_SHARE: u32 = 4;
 /// Limit of the work for a final update with eight points per cell, in multiply-adds: a few seconds. If more would be
 /// needed, one point per cell is evaluated.
@@ -308,17 +309,19 @@ impl Occupancy {
         }
     }
 
-    /// Final update before export: evaluates, at 2 × 2 × 2 points, every candidate that is not known to be occupied.
+    /// Final update before export: evaluates the density at 2 × 2 × 2 points of every candidate cell that is not known
+    /// to be occupied.
     ///
-    /// The first density above `threshold`, 1/world unit, makes a cell occupied; its other points are not evaluated. If
-    /// all points would take too long (a large occupancy grid and a large network), each cell is evaluated at its
-    /// centre only. The neighbours of occupied cells then stay occupied, too.
+    /// A cell is occupied as soon as a density is above `threshold`, 1/world unit; its other points are then not
+    /// evaluated. If all points would take too long (a large occupancy grid and a large network), each cell is
+    /// evaluated at its centre only. In this case candidates next to occupied cells are made occupied, too.
     pub fn settle(&mut self, ask: &DensityQuery<'_>, threshold: f32) {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
     /// Computes the occupancy grid of a finished network, `resolution` cells along the longest side. Cells are
-    /// evaluated as in [`Self::settle`], but the result counts even if hardly any cell stays occupied.
+    /// evaluated as in [`Self::settle`]. The result is used even if hardly any cell stays occupied; `settle` would then
+    /// discard it.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);

@@ -169,8 +169,9 @@ impl Op for March<'_> {
     }
 }
 
-/// Ray march of an unbounded scene; see [`March`]. `first` and `step` are in steps of the contraction, which
-/// [`Contraction::distance`] converts to distances. `start`: distance from the camera to the ray's origin, world units.
+/// Ray march of an unbounded scene; see [`March`]. `ray`: moved by [`Contraction::centred`]; `start`: distance from the
+/// camera to its origin, world units. `first`, `step`: position of the first sample and distance between samples, in
+/// the position `s` that [`Contraction::distance`] converts to a distance.
 ///
 /// For each sample in an occupied cell, appends to `samples` the contracted point, the length of the step in world
 /// units, and a factor for the sample's gradient. The factor is the squared distance from the camera, in radii of the
@@ -196,7 +197,7 @@ pub(super) struct Samples {
     pub positions: Vec<[f32; 3]>,
     pub deltas: Vec<f32>,
     pub gradient_scales: Vec<f32>,
-    /// Position of each sample along its ray, counted in steps of the contraction.
+    /// Position of each sample along its ray: `s` in [`Contraction::distance`], which converts it to a distance.
     pub steps: Vec<f32>,
 }
 

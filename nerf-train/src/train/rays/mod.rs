@@ -37,8 +37,8 @@ pub struct RayBank<'d> {
     /// Indices, among the pixels of all views, of the pixels that batches are drawn from. They are unmasked and, if
     /// photographs show what is foreground, near the foreground. `None`: batches are drawn from all pixels.
     drawn: Option<Vec<u32>>,
-    /// For each view, the indices of its unmasked pixels; `None` if the view has no mask. The list is filled only if
-    /// batches draw views first, and then pixels of these views.
+    /// For each view, the indices of its unmasked pixels; `None` if the view has no mask. Used if batches draw a view
+    /// first, and then a pixel of this view; otherwise the outer list is empty.
     unmasked: Vec<Option<Vec<u32>>>,
     background: Background,
     bins: Bins,
@@ -58,7 +58,8 @@ struct Marched {
     samples: Samples,
     /// One surface for each ray along a line of sight. These rays come first in the batch.
     surfaces: Vec<Surface>,
-    /// For rays along lines of sight: position of each sample between the ray's ends, 0 to 1.
+    /// Position of each sample of the rays along lines of sight: 0 at the ray's near end, 1 at its far end, linear in
+    /// the position `s` of [`Contraction::distance`].
     along: Vec<f32>,
     /// Index of the view of each ray.
     views: Vec<u32>,
@@ -130,8 +131,8 @@ impl<'d> RayBank<'d> {
         self.cameras = cameras;
     }
 
-    /// The line of sight of ray `index` of a batch of `rays` rays, and the index of its view. `None` for rays after the
-    /// first eighth, which follow no line of sight.
+    /// Line of sight of ray `index` in a batch of `rays` rays, and index of its view. Only the first eighth of the rays
+    /// follow lines of sight; `None` for the other rays, and without lines of sight.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
             return None;
@@ -262,7 +263,9 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Adds `count` points in empty cells of `occupancy`: half along rays of the photographs, half anywhere in the box.
+    /// Adds points in empty cells of `occupancy` to `batch`, at most `count`. Every other point is drawn on a ray of a
+    /// random pixel, the others anywhere in the scene box. Points in occupied cells are dropped, and at most four times
+    /// `count` points are drawn.
     pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, occupancy: &OccupancyGrid<'_>) {
         let extent = self.bounds.scene_box.max - self.bounds.scene_box.min;
         for try_index in 0..4 * count as u64 {

@@ -40,9 +40,10 @@ pub struct About<'a> {
 impl Candidate {
     /// Copies the present state of the run.
     ///
-    /// `settle`: whether all cells of the occupancy grid are evaluated a last time. A learned grid needs this only at
-    /// the end of its run, because training evaluates its cells all the time. Without a learned grid, all cells are
-    /// always evaluated.
+    /// `settle`: whether all cells of the occupancy grid are evaluated a last time and, in an unbounded scene, cells in
+    /// which no sample had enough weight are emptied. With a learned feature grid, this is needed only at the end of a
+    /// run, as training evaluates the cells all the time. Without a learned feature grid, cells are evaluated whatever
+    /// `settle` is.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let averaged = trainer.state.average.values().map(Cow::Borrowed);
         let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());

@@ -22,14 +22,14 @@ use std::time::{Duration, Instant};
 /// Number of consecutive steps without gradients, usually because every density is 0, after which a run restarts with
 /// another seed.
 const DEAD_STEPS: u32 = 100;
-/// Largest number of occupancy updates in which every candidate cell is evaluated once, if the field has a learned
-/// grid.
+/// Limit on the number of occupancy updates that together evaluate every candidate cell once, if the field has a
+/// learned grid.
 const REFRESHES: usize = 24;
 /// Growth of the ray march's steps in an unbounded scene. First number: length at the start of training, as a multiple
 /// of the final length. Second number: fraction of the run after which the final length is reached. Steps start long,
 /// since at first most of the scene is fog.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
-/// Numbers as in [`UNBOUNDED_GROWTH`], for a bounded scene.
+/// Growth of the ray march's steps in a bounded scene; the two numbers are as in [`UNBOUNDED_GROWTH`].
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
 /// Number of stages in which the march's steps are shortened to their final length.
 const STAGES: f64 = 8.0;
@@ -47,9 +47,9 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: the constant colour that the data set states, otherwise black. If the
-    /// background of an unbounded scene is unknown, it is the mean colour of the photographs. This colour shows only
-    /// where no photograph saw anything.
+    /// Background colour, display-encoded: the constant colour that the data set states. Otherwise black, or, in an
+    /// unbounded scene of unknown background, the mean colour of the photographs. This mean shows only where no
+    /// photograph saw anything.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
@@ -347,7 +347,8 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Discards `cells` and the prefetched batch, after the occupancy grid has changed.
+    /// Discards `self.cells`, the march's copy of the occupied cells, and the prefetched batch, after the occupancy
+    /// grid has changed.
     fn forget_marched(&mut self) {
         (self.cells, self.prefetched.0) = (None, None);
     }

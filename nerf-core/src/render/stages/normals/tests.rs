@@ -141,7 +141,8 @@ fn sample_by_sample(
     (normals, evaluations)
 }
 
-/// Density gradient at `p`, computed in a block whose columns all hold `p`.
+/// Gradient of the raw density at `p`, computed in a block whose columns all hold `p`. `blur`: standard deviation,
+/// world units, of the Gaussian over which the gradient is averaged.
 fn gradient(network: &Network<'_>, p: Vec3, blur: f32) -> Vec3 {
     let stride = if network.whole_blocks() { 16 } else { 1 };
     let mut encoded = vec![0.0; network.encoded_rows() * stride];

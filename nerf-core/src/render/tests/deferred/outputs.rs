@@ -1,4 +1,5 @@
-//! Other outputs of a field with deferred shading: points, normals, linear output and collisions.
+//! Outputs of a field with deferred shading besides the colour and opacity of frames: queried points, normals, linear
+//! colour and collisions.
 
 use super::*;
 use crate::render::RaySegment;

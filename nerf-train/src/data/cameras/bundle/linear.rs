@@ -12,7 +12,8 @@ type Block = [DVec3; POSE];
 /// the derivatives of the residual's x and y.
 type Rows = (usize, [[f64; POSE]; 2]);
 
-/// Normal equations of all poses and devices, points eliminated; only the lower triangle of `matrix` is used.
+/// Normal equations of all poses and devices, with the points eliminated. `matrix` is `size` × `size`, row by row; only
+/// its lower triangle is used.
 pub(super) struct Reduced<'a> {
     bundle: &'a Bundle,
     matrix: Vec<f64>,
@@ -138,7 +139,8 @@ impl<'a> Reduced<'a> {
 }
 
 /// Solves `matrix` x = `right` by Cholesky factorisation; x replaces `right`. `None` if `matrix` is not positive
-/// definite.
+/// definite. `matrix`: symmetric, `size` × `size`, row by row; only its lower triangle is read, and the factor replaces
+/// it.
 fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);

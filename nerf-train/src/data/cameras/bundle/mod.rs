@@ -140,9 +140,9 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its optical axis to compensate for a changed focal length. Before the change: `own`,
-    /// pixels, one per photograph. After it: the focal length of the device. Points at the median depth of a camera
-    /// keep their size in its picture.
+    /// Moves each camera along its optical axis to compensate for a changed focal length: points at the camera's median
+    /// depth keep their size in its picture. `own`: focal length of each photograph before the change, pixels; the new
+    /// focal length is the device's.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {

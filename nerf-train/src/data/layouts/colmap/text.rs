@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// Maximum length of a line, bytes. The line of a photograph with a million points is a third as long.
+/// Maximum length of a line, bytes: three times the length of the line of a photograph with a million points.
 const MAX_LINE: u64 = 256 << 20;
 
 struct Lines {
@@ -68,7 +68,7 @@ impl Lines {
         Ok(None)
     }
 
-    /// Parses the next word of a line as a number.
+    /// Parses the next word of a line as a number. A missing or malformed word is an error, which calls it `field`.
     fn number<'w, T: std::str::FromStr>(
         &self,
         words: &mut impl Iterator<Item = &'w str>,
@@ -90,7 +90,8 @@ impl Lines {
         Ok(numbers)
     }
 
-    /// Returns an error if a comment states another number of items than `found`.
+    /// Returns an error if `found`, the number of items in the file, is 0 or differs from the number that a comment
+    /// states.
     fn check(&self, found: u64) -> Result<(), DatasetError> {
         match self.announced {
             Some(announced) if announced != found => {

@@ -15,8 +15,8 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A `transforms*.json` file. Its text is parsed three times, into separate structs, so that errors state the right
-/// line.
+/// A `transforms*.json` file. Its text is parsed three times, once for each struct: one struct with serde's `flatten`
+/// would not know the line of an error.
 pub(crate) struct Transforms {
     pub(crate) header: Header,
     /// Frames in the file's order, each with its own camera fields.
@@ -71,8 +71,8 @@ struct CameraFields {
     p2: Option<f64>,
 }
 
-/// Values of `camera_model` for lenses without fisheye distortion. If the json also sets `is_fisheye`, it overrides the
-/// model: the coefficients are fisheye coefficients.
+/// Values of `camera_model` for lenses without fisheye distortion. If the json sets `is_fisheye`, this field overrides
+/// the model: the coefficients are fisheye coefficients.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
 /// The coefficient k4 of a polynomial lens is dropped if it shifts the picture's farthest corner by at most this,
@@ -202,8 +202,8 @@ impl Transforms {
 /// Maximum size, bytes, of a file that is searched for NaN and Infinity after a parse error.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
-/// Error that names the first frame and field with NaN or Infinity. Many programs write these values, but JSON has
-/// none. `None` if parsing failed for another reason.
+/// Error that names the first frame and field with NaN or Infinity. Many programs write these values, but JSON does not
+/// have them. `None` if parsing failed for another reason. `error`: the parse error of `bytes`, the content of `file`.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
     // A larger file is no list of photographs, and its parsed form would take many times its size in memory.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;
@@ -233,7 +233,7 @@ fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<
     Some(DatasetError::value(file, place, "finite numbers", "NaN or Infinity"))
 }
 
-/// Text that replaces NaN and Infinity, so that the JSON can be parsed.
+/// Content of the JSON string that replaces NaN or Infinity, so that the file can be parsed.
 const NO_NUMBER: &str = "(no number)";
 
 fn lacks_number(value: &serde_json::Value) -> bool {

@@ -51,7 +51,8 @@ impl Picture {
         }
     }
 
-    /// Copies `other` into this picture with its top left corner at (`x`, `y`); parts beyond the edges are cut off.
+    /// Copies `other` into this picture. The top left corner of `other` comes to column `x` and row `y`; parts beyond
+    /// this picture's edges are cut off.
     pub fn paste(&mut self, other: &Self, x: usize, y: usize) {
         if other.width == 0 || x >= self.width {
             return;
@@ -95,7 +96,8 @@ impl Picture {
         self.box_filtered(self.width.div_ceil(factor), self.height.div_ceil(factor))
     }
 
-    /// Reduces the picture to `width` × `height` pixels, each the mean, in display space, of the pixels it overlaps.
+    /// Reduces the picture to `width` × `height` pixels. Each new pixel has the mean of the display-encoded colours of
+    /// the old pixels that it overlaps.
     pub fn box_filtered(&self, width: usize, height: usize) -> Self {
         let block =
             |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));
@@ -146,7 +148,8 @@ pub(crate) fn to_u8(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
-/// Straight-alpha bytes `[n * 4]`, from a render over black and its opacity, each `[n]`.
+/// RGBA bytes `[n * 4]` with straight alpha. `rgb_over_black`: display-encoded colours of a render over black, `[n]`.
+/// `opacity`: opacity of the render, in [0, 1], `[n]`.
 ///
 /// A render over black is premultiplied: the colour is divided by the opacity *as stored* in 8 bits, so that
 /// compositing the file over black gives the render again to within rounding. Where the opacity rounds to 0, the pixel

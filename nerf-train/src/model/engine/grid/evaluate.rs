@@ -121,8 +121,8 @@ impl Evaluated {
         }
     }
 
-    /// Resets the states of `rays`: none of their samples is evaluated. `first`: index in the batch of their first
-    /// sample. Returns the index after their last sample.
+    /// Sets the states of `rays` to "no sample evaluated yet". `first`: index in the batch of the rays' first sample.
+    /// Returns the index after their last sample.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();

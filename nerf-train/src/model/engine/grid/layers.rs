@@ -1,4 +1,5 @@
-//! The dense layers of a grid field, for rows of samples: `Y[s] = act(X[s] Wᵀ)`, `[samples][channels]`.
+//! The dense layers of a grid field: `Y = act(X Wᵀ)`. The inputs `X` and the outputs `Y` have one row per sample,
+//! `[samples][channels]`.
 //!
 //! Only the density head has a bias, which is not trained. The colour branch needs none, as the spherical harmonics
 //! include a constant. A hidden layer on learned features needs none either (as in tiny-cuda-nn).
@@ -25,7 +26,8 @@ impl Product {
         Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
     }
 
-    /// Copies `inputs` columns of `weights`, from column `first` on, into both layouts. `weights`: `[outputs][row]`.
+    /// Copies `self.inputs` columns of `weights`, from column `first` on, to `forward` and `backward`. `weights`:
+    /// `[outputs][row]`, where `row` is the number of all inputs of the layer, main and extra.
     fn load(&mut self, weights: &[f32], row: usize, first: usize) {
         let (across, back) = (padded(self.outputs), padded(self.inputs));
         for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {

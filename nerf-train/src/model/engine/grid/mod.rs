@@ -1,12 +1,20 @@
 //! The engine of grid fields: small layers on rows of samples, tables whose gradient is scattered level by level.
 //!
+//! A step cuts its batch into chunks of rays, and adds each chunk's gradients to one of 16 accumulators. Samples whose
+//! compositing weight is at most a threshold, the gate, are left out of the colour and of the backward pass; Russian
+//! roulette keeps a random choice of them.
+//!
 //! ```text
-//! rays, 8 samples at a time:  encode ──► trunk ──► density ──► transmittance; rays below T_MIN end
-//! samples with weight > gate: the mean of a ray's features ──► colour ──► pixel ──► loss
-//!                             d colour ──► d trunk ──► d encoded        layers' gradients: one sum per accumulator
-//! level by level:             d encoded ──► d table entries             summed in the samples' order
-//! levels that a step updates: Adam of the entries with a gradient ──► their f16 copies
-//! layers:                     Adam
+//! Forward pass, 8 samples of each ray at a time; a ray ends when its transmittance is below T_MIN:
+//!     encode ──► trunk ──► density ──► transmittance
+//! Colour of each ray, from its kept samples:
+//!     weighted mean of their features ──► colour branch ──► pixel ──► loss
+//! Backward pass over the kept samples; an accumulator sums the gradients of the layers' weights:
+//!     d colour ──► d trunk ──► d encoded
+//! Update of the layers:
+//!     Adam
+//! Update of the tables, level by level; Adam only on levels that the step updates:
+//!     d encoded ──► d table entries, summed in the order of the samples ──► Adam ──► f16 copies of the entries
 //! ```
 //!
 //! A 2D field has no density: only the first sample of a ray is seen.
@@ -15,8 +23,8 @@
 //! added to accumulator `i mod 16`, and one thread sums a level of the tables, accumulator after accumulator.
 //!
 //! # Source
-//! Müller et al. 2022 (instant-ngp); deviation: samples are evaluated eight per ray at a time, and only those of
-//! large enough weight are trained. This was measured to be faster on a CPU.
+//! Müller et al. 2022 (instant-ngp); deviation: samples are evaluated eight per ray at a time, and only the kept ones
+//! are trained. This was measured to be faster on a CPU.
 
 mod adam;
 mod directions;
@@ -72,7 +80,8 @@ pub struct GridEngine {
     bounds: SceneBox,
     isa: Isa,
     adam: Adam,
-    /// Parameters, moments, step count and quantisation steps; gradients accumulated for hashed levels are in `sums`.
+    /// Parameters, moments, step count and quantisation steps. The gradients that hashed levels accumulate are not in
+    /// here, but in `sums`.
     state: OptimiserState,
     layers: Layers,
     passes: Vec<Pass>,
@@ -339,7 +348,9 @@ fn front<'a, T>(values: &mut &'a mut [T], length: usize) -> &'a mut [T] {
     values.split_off_mut(..length).expect("values for all layers and levels")
 }
 
-/// Returns the model's grid; an error if the grid engines cannot train the model.
+/// Returns the model's grid. Returns an error for a model that the grid engines cannot train: one without a grid;
+/// one with a feature layer, a density scale other than 1, or a density that is not exponential; or one with a density
+/// and one colour per sample.
 fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     model.check()?;
     let grid = model.architecture.position.grid().cloned().ok_or(EngineError::NoGrid)?;

@@ -9,7 +9,7 @@ use glam::Vec3;
 
 #[derive(Default)]
 pub(super) struct RayScratch {
-    /// Positions of the kept samples, `[3][stride]`.
+    /// Positions of the kept samples, `[3][stride]`. `stride`: number of the samples, padded to whole vectors.
     points: Vec<f32>,
     by_point: Vec<f32>,
     /// Gradient of the loss with respect to the encoded positions, `[outputs][stride]`.

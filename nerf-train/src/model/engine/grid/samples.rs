@@ -16,7 +16,7 @@ pub(super) struct Samples {
     pub ray: Vec<u32>,
     pub weight: Vec<f32>,
     pub after: Vec<f32>,
-    /// Inverse of the probability with which each sample was kept; 1 unless Russian roulette decided.
+    /// Inverse of the probability with which each sample was kept; 1 if the sample was sure to be kept.
     pub inverse_probability: Vec<f32>,
     pub counted: Vec<f32>,
     pub scale: Vec<f32>,
@@ -42,7 +42,9 @@ impl Samples {
         self.hidden.last().unwrap_or(&self.encoded)
     }
 
-    /// Keeps the samples of large enough weight and, with Russian roulette, some of smaller weight at random.
+    /// Keeps the samples of compositing weight above [`GATE`]. With Russian roulette, keeps the samples of weight above
+    /// [`ROULETTE_WEIGHT`], and each other sample with probability weight / `ROULETTE_WEIGHT`. `first`: index in the
+    /// batch of the chunk's first sample.
     pub fn keep(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &mut Evaluated, first: usize) {
         let stride = padded(evaluated.index_of.len());
         grow(&mut self.passed, stride);

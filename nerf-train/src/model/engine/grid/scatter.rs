@@ -119,7 +119,8 @@ pub(super) struct LevelScratch {
     pub phases: Phases,
 }
 
-/// Buffers of [`GridCorners`] for a block of samples: `entry`, `weight` and `x`.
+/// Buffers of [`GridCorners`] for a block of samples. A row is a pair of cell corners that are neighbours in x. In
+/// order: table entry and weight of each row, `[rows][BLOCK]`; weight of the corner at the larger x, `[BLOCK]`.
 type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {
@@ -239,7 +240,8 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
     }
 }
 
-/// Applies Adam to values of a level whose gradient is not 0, resets the gradient to 0, and updates the f16 copy.
+/// Applies Adam to those values of a level that have a gradient other than 0. Then resets the gradient to 0 and updates
+/// the f16 copy.
 struct Update<'a, 's, 'l> {
     adam: AdamStep,
     gradient: &'a mut [f32],

@@ -1,5 +1,7 @@
-//! One colour per ray (deferred shading): the colour branch takes the weighted mean P of the samples' features h_i.
-//! In a 2D field, P is the features of one sample.
+//! One colour per ray (deferred shading): the colour branch takes the mean P of the samples' features h_i, weighted
+//! with the compositing weights w_i. In a 2D field, P is the features of one sample.
+//!
+//! A: opacity of the ray; d: its direction; PE: encoding of the direction; o: output of the colour branch; L: loss.
 //!
 //! ```text
 //! A = Σ w_i;  P = Σ w_i h_i / A;  shown = A · o,  o = sigmoid(branch [P, PE(d)])
@@ -68,7 +70,9 @@ impl Shade {
         Self { coloured: vec![Vec::new(); layers.colour.len()], ..Self::default() }
     }
 
-    /// Does the backward pass of the colour branch. `upper`: dL/d (raw colour) before the call, dL/dP after it.
+    /// Does the backward pass of the colour branch, and adds the gradients of its weights to `sums`. The buffer
+    /// `self.upper` holds dL/d (colour before the sigmoid) before the call, and dL/dP after it. `by_rays`: whether to
+    /// compute `self.by_encoded_dir`, too.
     fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {
@@ -137,8 +141,8 @@ impl Shade {
         [0, 1, 2].map(|k| self.rows[row].opacity * rgb[row * VECTOR + k])
     }
 
-    /// Returns, for each ray with kept samples, the gradient, through the colour branch, of the loss with respect to
-    /// the ray's direction. Valid after the backward pass of a batch that requests ray gradients.
+    /// Returns the gradient of the loss with respect to the direction of each ray that has kept samples. Only the part
+    /// of the gradient through the colour branch. Valid after the backward pass of a batch that requests ray gradients.
     pub fn by_directions(&self, job: &Job<'_>, chunk: Shaded<'_>) -> impl Iterator<Item = Vec3> {
         let outputs = match job.model.architecture.direction {
             Some(direction @ DirectionEncoding::SphericalHarmonics { .. }) => direction.outputs(),
@@ -151,8 +155,8 @@ impl Shade {
     }
 
     /// Does the backward pass from `by_shown`, the gradient of the loss with respect to each ray's composited colour.
-    /// Adds dL/d (colour branch's parameters) to `sums` and dL/d (compositing weights) to `by_weight`; writes dL/d
-    /// (features) of each sample to `by_features`, `[samples][padded features]`.
+    /// Adds dL/d (colour branch's parameters) to `sums`, and dL/d (compositing weight) of each sample to `by_weight`.
+    /// Writes dL/d (features) of each sample to `by_features`, `[samples][padded features]`.
     pub fn backward(
         &mut self,
         job: &Job<'_>,

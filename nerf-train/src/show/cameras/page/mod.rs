@@ -44,7 +44,7 @@ struct Data<'s> {
     axes: Vec<Axis>,
     axes_length: String,
     up: [f32; 3],
-    /// Two unit vectors that, with `up`, form a right-handed frame.
+    /// Unit vectors a, b with which (a, b, `up`) is a right-handed frame.
     across: [[f32; 3]; 2],
     /// Direction from the scene to the page's first viewpoint.
     towards: [f32; 3],

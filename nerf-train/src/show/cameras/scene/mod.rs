@@ -73,8 +73,8 @@ pub struct Axes {
 }
 
 impl Scene {
-    /// Scene with the requested cameras, and with the rays that the training step would draw. The occupancy grid is the
-    /// one that training starts with.
+    /// Scene with the requested cameras, and with the rays that the training step would draw. Their samples are tested
+    /// against the occupancy grid that training starts with.
     pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> anyhow::Result<Self> {
         let Request { views, split, step, .. } = *request;
         if views.is_empty() {
@@ -174,8 +174,8 @@ impl Scene {
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Range of `t` that the colours cover, world units: from the smallest to the largest `t` of samples in occupied
-    /// cells. Without two different values, the range is near to far.
+    /// Range of `t`, the distance along a ray, that the colours cover; world units. From the smallest to the largest
+    /// `t` of samples in occupied cells; if there are no two different values, from near to far of `self.bounds`.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =
@@ -310,7 +310,7 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     (0.7 * spacing / width).clamp(least, most)
 }
 
-/// World axis that is nearest to the mean of the cameras' up directions.
+/// World axis (±x, ±y or ±z) that is nearest to the mean of the cameras' up directions; +z if the mean is 0.
 fn nearest_axis(views: &[View]) -> Vec3 {
     let mean: Vec3 = views.iter().map(|view| view.camera.pose().rotation.y_axis).sum();
     let axes = [Vec3::Z, Vec3::Y, Vec3::X, Vec3::NEG_Z, Vec3::NEG_Y, Vec3::NEG_X];

@@ -4,8 +4,8 @@ use crate::measure::point::Clock;
 use crate::show::plot::{Marker, Series};
 use std::path::Path;
 
-/// Pareto front in the points.csv at `path`, as a series for the plot: PSNR over seconds per view, named after the
-/// file's folder.
+/// Pareto front in the points.csv at `path`, as a series for the plot: PSNR over seconds per view. The series is named
+/// after the file's folder.
 pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     let refused = |found: String| {
         anyhow::anyhow!("--beside: {}: expected the points.csv of a study, found {found}", path.display())
@@ -44,7 +44,8 @@ pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
 mod tests {
     use super::*;
 
-    /// Reads `text` as a table in a folder named `classic`.
+    /// Front of a points.csv with the content `text`. The file lies in a folder named `classic`, which gives the series
+    /// its name.
     fn read(text: &str, clock: Clock) -> anyhow::Result<Series> {
         let folder = tempfile::tempdir().expect("a folder");
         let table = folder.path().join("classic/points.csv");

@@ -21,7 +21,8 @@ pub(super) fn markdown(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>) -
     text
 }
 
-/// Writes the data and machine of the study, and the speed-ups at a loss of at most `SPAN_LOSS_DB`.
+/// Writes which data and machine the study used, and the largest speed-ups at a PSNR loss of at most `SPAN_LOSS_DB`.
+/// `line`: function that writes a paragraph.
 fn head(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>, line: Line<'_>) {
     let study = findings.study;
     line(format_args!(

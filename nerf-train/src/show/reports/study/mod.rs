@@ -14,11 +14,11 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest loss of PSNR, dB, that the span of a Pareto front allows. The span is the speed-up of the fastest point
-/// within this loss. Loss and speed-up are relative to the exact rendering.
+/// Largest loss of PSNR, dB, of a point that counts for the span of a Pareto front. The span is the speed-up of the
+/// fastest of these points. Loss and speed-up are relative to the exact rendering.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
-/// Data and machine of a study.
+/// Data, machine and duration of a study, for its report.
 #[derive(Clone, Debug)]
 pub struct Setting<'a> {
     pub blob: String,
@@ -50,8 +50,8 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// Fastest point that `keep` accepts and that loses at most [`SPAN_LOSS_DB`]: its speed-up against the exact
-    /// rendering, and its index. `None` if there is no such point.
+    /// Speed-up of the fastest point that `keep` accepts and that loses at most [`SPAN_LOSS_DB`], relative to the exact
+    /// rendering; and index of this point. `None` if there is no such point.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))

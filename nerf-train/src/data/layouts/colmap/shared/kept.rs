@@ -50,7 +50,8 @@ pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
 }
 
 impl Shared {
-    /// Reads `file`; `None` if the file does not exist or its checksum differs from `model`.
+    /// Reads `file`. `None` if the file does not exist, was made from another reconstruction, or refers to a camera
+    /// that it lacks. `model`: checksum of the present reconstruction.
     pub(super) fn read(file: &Path, model: u64) -> Result<Option<Self>, DatasetError> {
         let bytes = match read_limited(file, MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

@@ -16,18 +16,20 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Reconstructions of more photographs than this are not adjusted. The time grows with the cube of the number of
-/// photographs; at the limit it is half a minute.
+/// Largest number of photographs of a reconstruction that is adjusted. The time grows with the cube of this number; at
+/// the limit it is half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
 const MAX_GROWTH: f64 = 1.25;
 /// Pixels are taken as square if fy / fx differs from 1 by less than this.
 const SQUARE: f64 = 0.02;
-/// Version of the adjustment's algorithm, part of the checksum. A new version makes stored files invalid.
+/// Version of the algorithm that adjusts a reconstruction to shared cameras. The checksum in a file of shared cameras
+/// includes this version: a new version makes existing files invalid.
 const VERSION: u64 = 1;
 
-/// Adjusts the reconstruction to one camera per device, and adds a note or a warning. Returns false if the
-/// reconstruction keeps its own cameras.
+/// Adjusts a reconstruction to one camera per device, adds a note on the result to `found`, and returns true. If no
+/// device has several cameras to merge, changes nothing and returns false. If the cameras cannot be merged, adds a
+/// warning that says why, and returns false. `file`: file of the reconstruction, for errors.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -128,7 +130,8 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Prepares the adjustment of `model`; `None` if photographs share no points, or a lens cannot be adjusted.
+    /// Prepares the adjustment of `model`. `None` if no point is seen in several photographs, or if a lens cannot be
+    /// adjusted.
     fn of(
         model: &'a Model,
         points: &Points,

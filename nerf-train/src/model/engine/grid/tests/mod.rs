@@ -432,9 +432,10 @@ fn the_tape_refuses_what_it_does_not_train() {
     assert_eq!(tape.state(), state);
 }
 
-/// Compares gradients with those of dfdx's tape for a sinusoidal network of the same outputs. Grid and sinusoidal
-/// encoding here both return the position itself. A ray has at most one sample, so that colour per ray and per sample
-/// are equal. Spherical harmonics of degree 2 are a constant and the scaled direction.
+/// Compares gradients with those of dfdx's tape, for a sinusoidal network that computes the same function. Three
+/// choices make the functions equal. Grid and sinusoidal encoding return the position itself. Spherical harmonics of
+/// degree 2 are the scaled direction and a constant, which the sinusoidal network adds to a bias. A ray has at most one
+/// sample, so that colour per ray is colour per sample.
 #[test]
 fn gradients_of_the_layers_are_those_of_autodiff() {
     let unit = SceneBox::new(Vec3::ZERO, Vec3::ONE).unwrap();
