@@ -67,8 +67,7 @@ impl Intrinsics {
 /// A camera-to-world transform: the camera looks down −Z, +Y is up, +X right (OpenGL, Blender).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Camera-to-world rotation: its columns are the camera's right, up and backward axes in world space,
-    /// orthonormal.
+    /// Camera-to-world rotation: its columns are the camera's right, up and backward axes in world space, orthonormal.
     pub rotation: Mat3,
     /// Centre of projection, world units.
     pub position: Vec3,

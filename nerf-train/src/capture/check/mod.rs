@@ -122,8 +122,7 @@ impl Diagnosis {
     }
 
     /// Removes the training photographs in `contradicting`. With a `group`, counted from 1, also removes all
-    /// photographs outside that group, including held-out ones.
-    /// On an error, the data set is unchanged.
+    /// photographs outside that group, including held-out ones. On an error, the data set is unchanged.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {
         if let Some(found) = group {
             let groups = self.groups.len();

@@ -154,8 +154,7 @@ pub trait Engine: Send {
     ///
     /// # Errors
     /// [`EngineError::Batch`] and [`EngineError::Rate`] for wrong input, [`EngineError::Diverged`]
-    /// if the loss or a gradient is not finite. Parameters, moments and step count are then as
-    /// before the call.
+    /// if the loss or a gradient is not finite. Parameters, moments and step count are then as before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
     /// Does [`Engine::step`]; calls `prefetch` once the loss is known, in parallel with the update if the engine can.
