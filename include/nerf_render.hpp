@@ -50,9 +50,8 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether a view may refer to the elements of a function's argument, whose type was deduced as C &&. True for an
-/// lvalue and for a temporary view. False for a temporary container, which would free its elements. C counts as a view
-/// if const C has elements of the same type as C: a container's elements become const with the container.
+/// Whether a view may refer to the elements of an argument whose type was deduced as C &&. False only for a temporary
+/// container, which would free them. A container's elements become const with the container, a view's do not.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -67,8 +66,7 @@ T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) no
 
 } // namespace detail
 
-/// A view of contiguous elements in memory that the view does not own. Converts from arrays, std::vector, std::array,
-/// std::span and any other container with data and size.
+/// A view of contiguous elements that the view does not own. Converts from arrays and containers with data and size.
 template <class T>
 class span {
 public:
@@ -112,11 +110,9 @@ private:
     std::size_t size_;
 };
 
-/// A view of `each` floats per ray or point, contiguous or strided, in memory that the view does not own. T: float or
-/// const float.
-///
-/// Converts from a container whose elements are floats, or trivially copyable structures of `each` floats, such as a
-/// host's type for 3D vectors. nerf::member makes a view of one field of larger structures.
+/// A view of `each` floats per ray or point, contiguous or strided, in memory that the view does not own. Converts from
+/// a container of floats, or of trivially copyable structures of `each` floats, such as a host's 3D vectors.
+/// nerf::member makes a view of one field of larger structures.
 template <class T, std::size_t each>
 class strided : detail::strided_view {
 public:
@@ -164,8 +160,7 @@ using triples = strided<T, 3>;
 template <class T>
 using numbers = strided<T, 1>;
 
-/// A view of one field of the structures in a container: `nerf::member(rays, &my_ray::origin)`. The field is one or
-/// more floats.
+/// A view of one field (one or more floats) of a container's structures: `nerf::member(rays, &my_ray::origin)`.
 template <class C, class S, class F>
 auto member(C &&container, F S::*field) noexcept {
     using element = detail::element<C>;
@@ -287,9 +282,8 @@ struct moved {
     }
 };
 
-/// Deleter of a std::unique_ptr: calls the function pointer `end`, which by default does nothing, since lent memory is
-/// not freed. Only allocated memory has an `end` that frees: a program that only lends memory does not link the heap's
-/// functions.
+/// Deleter of a std::unique_ptr: calls `end`, which by default does nothing, since lent memory is not freed. Only
+/// allocated memory has an `end` that frees: a program that only lends memory links no functions of the heap.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -301,8 +295,7 @@ struct ending {
 /// Type of a callback argument that was left out: no progress callback, or the library's own clock.
 struct none {};
 
-/// A nerf_progress that calls a C++ callable; noexcept, since C has no exceptions. `user`: address of a pointer to the
-/// callable.
+/// A nerf_progress that calls a C++ callable; noexcept, for C. `user`: address of a pointer to the callable.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -433,9 +426,8 @@ struct camera : detail::sized<nerf_camera> {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
     }
 
-    /// Makes a camera from a renderer's own matrices. The view matrix transforms the world to the eye's coordinates by
-    /// a rotation and a translation. The projection is perspective, along -Z; its near and far planes are ignored.
-    /// Other matrices give NERF_STATUS_CAMERA.
+    /// Makes a camera from a renderer's own matrices: a world-to-eye rotation and translation, and a perspective
+    /// projection along -Z, whose near and far planes are ignored. Other matrices give NERF_STATUS_CAMERA.
     static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view_column_major,
                                         span<const float> projection_column_major) noexcept {
         if (view_column_major.size() != 16 || projection_column_major.size() != 16) {
@@ -478,9 +470,8 @@ struct camera : detail::sized<nerf_camera> {
     }
 
     /// Places the camera on a sphere around `target`, looking at `target`. `azimuth`: angle around `up`, radians,
-    /// counterclockwise if seen from the tip of `up`. An azimuth of 0 is +x if `up` is +z, else the first vector of
-    /// detail::across(up). `elevation`: angle above the plane normal to `up`, radians. `up`: any direction of unit
-    /// length.
+    /// counterclockwise if seen from the tip of `up`; 0 is +x if `up` is +z, else the first vector of
+    /// detail::across(up). `elevation`: angle above the plane normal to `up`, radians. `up`: any unit vector.
     camera &orbit(vec3 target, float radius, float azimuth, float elevation,
                   vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto [side, ahead] = detail::across(up);
@@ -542,8 +533,7 @@ struct strides {
 };
 
 /// A plane that receives one output or contains the limits of rays. The plane refers to the caller's memory for all
-/// pixels of target::window, and knows the memory's length, which is checked. An output without a plane is not
-/// computed.
+/// pixels of target::window; its length is checked. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -602,12 +592,10 @@ private:
     bool there_ = false;
 };
 
-/// Planes for an image, or for the part `window` of an image; any rectangle in this part can be rendered. For rays:
-/// planes of one row.
+/// Planes for an image, or for its part `window`; any rectangle in it can be rendered. For rays: planes of one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Inputs: distance at which each pixel's ray ends; at most one plane of the two. nerf::z_depth converts depth
-    /// buffers.
+    /// Inputs, at most one of the two: distance at which each pixel's ray ends. nerf::z_depth converts depth buffers.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};
@@ -729,8 +717,7 @@ public:
         return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
 
-    /// Opens a scene in memory that the caller lends or hands over. `blob`: bytes of the scene file, borrowed: the
-    /// caller leaves these unchanged while the scene is used.
+    /// Opens a scene in memory lent or handed over. `blob`: the scene file's bytes, unchanged while the scene is used.
     static result<scene> open(bytes blob, memory home, const open_options &how = {}) noexcept {
         scene opened;
         opened.home_ = std::move(home);
@@ -758,8 +745,7 @@ public:
         });
     }
 
-    /// Opens a file whose path is a std::string, a std::filesystem::path of char, or another type whose c_str() returns
-    /// const char *.
+    /// Opens a file whose path is a std::string, a std::filesystem::path of char, or another type with c_str().
     template <class P, class = std::enable_if_t<std::is_same_v<decltype(std::declval<const P &>().c_str()), const char *>>>
     static result<scene> open_file(const P &path, const open_options &how = {}) noexcept {
         return open_file(path.c_str(), how);
@@ -884,9 +870,8 @@ private:
 struct instance : detail::sized<nerf_instance> {
     /// Places the scene in its own coordinates, without a transform.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
-    /// Places the scene by a transform from the scene's coordinates to the world's: a matrix of 16 floats with the last
-    /// row 0, 0, 0, 1. Any other matrix, such as a row-major one with a translation, makes the instance invalid
-    /// (`struct_size` 0), and opening a worker refuses an invalid instance.
+    /// Places the scene by a transform from scene to world coordinates: 16 floats with the last row 0, 0, 0, 1. Any
+    /// other matrix, such as a row-major translation, gives an invalid instance (`struct_size` 0), which is refused.
     instance(const nerf::scene &of, span<const float> column_major) noexcept : instance(of) {
         const float *const m = column_major.data();
         const bool affine = column_major.size() == 16 && m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f &&
@@ -935,10 +920,8 @@ public:
 
     nerf_worker *get() const noexcept { return handle_.value; }
 
-    /// Renders a camera's image, or the rectangle `part` of the image.
-    ///
-    /// `progress`: called before the first tile and after each tile, with the arguments (pixels done, all pixels) or
-    /// none. `progress` returns void, or a bool: whether to continue. `progress` must not throw.
+    /// Renders a camera's image, or its rectangle `part`. `progress`: called before the first tile and after each tile,
+    /// with the arguments (pixels done, all pixels) or none. Returns void or whether to continue; must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -960,8 +943,7 @@ public:
     /// Renders the host's own rays: pixel i of the planes belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: one random number per
-    /// ray.
+    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: one number per ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
     /// Renders one ray from `t_min` to `t_max`, with every output of the worker except z_depth. For many rays,
@@ -973,8 +955,7 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples the point on one ray at which a photon collides with the medium. `random`: in [0, 1). Everything else is
-    /// as in render_ray.
+    /// Samples the point on one ray at which a photon collides. `random`: in [0, 1). Everything else: see render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -1000,9 +981,8 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Writes an English report of this worker's frames to `text`, cut to fit: which stages run, and why the others do
-    /// not. `work`: counters of a frame, whose cost is then reported by stage; or null. Returns the length of the uncut
-    /// report with its NUL, bytes.
+    /// Writes an English report of this worker's frames to `text`, cut to fit: which stages run, and why others do not.
+    /// `work`: a frame's counters, to report cost by stage; or null. Returns the uncut length with its NUL, bytes.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }

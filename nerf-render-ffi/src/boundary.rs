@@ -22,12 +22,10 @@ pub(crate) unsafe trait Versioned: Copy {
     const SIZE_V2: usize;
 }
 
-/// Implements [`Versioned`] for a structure. Example: `versioned!(unsafe Camera, "camera", by_width(116, 120))`.
-/// Messages then call the structure "camera", and its size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with
-/// 64-bit ones.
+/// Implements [`Versioned`]. Example: `versioned!(unsafe Camera, "camera", by_width(116, 120))`. Messages then say
+/// "camera"; the size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with 64-bit ones.
 ///
-/// `unsafe`: the caller promises that the structure is `repr(C)`, and that its fields are numbers, pointers and
-/// optional functions. Any bytes are a valid value of such fields.
+/// `unsafe`: the structure is `repr(C)`; its fields are numbers, pointers or optional functions, valid for any bytes.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
         // SAFETY: the macro's caller promises `repr(C)` and valid bytes; the assertion below checks the first field.
@@ -42,13 +40,11 @@ macro_rules! versioned {
 }
 pub(crate) use versioned;
 
-/// Returns the size of a structure, bytes: `bytes_32` on a target with 32-bit pointers, else `bytes_64`.
 pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
-/// Caller's buffer of `capacity` bytes for a NUL-terminated text, such as an error message. If `text` is NULL, there is
-/// no buffer.
+/// Caller's buffer for a NUL-terminated text, such as an error message. There is no buffer if `text` is NULL.
 #[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
@@ -58,14 +54,12 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Returns the address range of the buffer's first byte, to check that it overlaps no other argument: each C
-    /// function writes this byte, also on success. An empty range if there is no buffer.
+    /// Returns the address range of the first byte, which every C function writes, also on success; empty if none.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes the text that `say` produces, cut at the capacity and NUL-terminated. Returns the length of the uncut
-    /// text with its NUL, bytes.
+    /// Writes the text of `say`, cut to fit and NUL-terminated. Returns the uncut length with the NUL, bytes.
     pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
         let there = !self.text.is_null() && self.capacity > 0;
         let room = if there { self.capacity - 1 } else { 0 };
@@ -127,8 +121,7 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
     call_with_reason(message, body)
 }
 
-/// Runs the body of a call and converts its error or panic to a status and a message. The error may have any type `R`,
-/// for example one that names a file.
+/// Runs the body of a call, as [`call`] does. The error may have any type, for example one that names a file.
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
@@ -166,8 +159,7 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Returns the address range of an array of `count` structures; an empty range if `first` is NULL. `first` points to
-/// the first structure's `struct_size`, which is the size of every structure.
+/// Returns the address range of `count` structures of the first one's `struct_size`; empty if `first` is NULL.
 ///
 /// # Safety
 /// `first` is NULL or points to a structure that [`read_versioned`] has read.
@@ -218,13 +210,11 @@ pub(crate) unsafe fn read_or_zeros<T: Versioned>(at: *const T) -> Result<T, Fail
     unsafe { read_versioned(at) }
 }
 
-/// Returns an error unless all of the reserved `fields` are 0.
 pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Failure> {
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Converts number `found` of a C enum to the value in `nerf-core`, `names[found]`. If there is none, returns an error:
-/// argument `name` should be `expected`, such as "a nerf_kernel".
+/// Converts number `found` of a C enum to `names[found]`. If there is none, the error has `name` and `expected`.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -257,8 +247,6 @@ impl<T: Versioned> Out<T> {
         Ok(Self { at, size })
     }
 
-    /// Checks the pointer and `struct_size`, as [`Out::new`] does; returns `None` if `at` is NULL.
-    ///
     /// # Safety
     /// As for [`Out::new`].
     pub unsafe fn new_or_none(at: *mut T) -> Result<Option<Self>, Failure> {
@@ -280,8 +268,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a call that computes the size of a block of memory. `body` computes the size. Writes the size to `size`, and
-/// the alignment of a [`Line`] to `align`, bytes.
+/// Runs a call that writes the size computed by `body` to `size`, and a [`Line`]'s alignment to `align`, bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

@@ -72,8 +72,6 @@ pub struct Camera {
 versioned!(unsafe Camera, "camera", by_width(116, 120));
 
 impl Camera {
-    /// Reads and checks the camera at `at`.
-    ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
     pub(crate) unsafe fn read(at: *const Self) -> Result<camera::Camera, Failure> {

@@ -50,8 +50,7 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Converts the effects to the renderer's type. Returns an error for an invalid integer; the renderer checks the
-    /// floats.
+    /// Converts the effects to the renderer's type. Checks only the integers: the renderer checks the floats.
     pub(crate) fn read(&self) -> Result<plan::Effects, Failure> {
         check_zeros("options.effects.reserved", &self.reserved)?;
         let most = plan::Effects::MAX_RAYS.into();

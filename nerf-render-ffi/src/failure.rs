@@ -11,8 +11,7 @@ use nerf_core::memory::Line;
 use nerf_core::plan::PlanError;
 use nerf_core::render::RenderError;
 
-/// Declares an enum of reasons why calls fail. Each reason has fields, a status, and a sentence that names the argument
-/// and says what was expected and found.
+/// Declares an enum of reasons for failures, each with a status and a sentence on what was expected and found.
 macro_rules! reasons {
     ($(#[$about:meta])* $reason:ident: $($(#[cfg($built:meta)])? $name:ident
         $(($($at:ident: $of:ty),+))? $({$($field:ident: $type:ty),+})? => $status:expr, $sentence:literal;)+
@@ -156,8 +155,7 @@ impl Failure {
         Self::Instance { index, problem }
     }
 
-    /// Converts an error of the renderer. If the workspace is too small, the error's sizes are converted from 64-byte
-    /// lines to bytes.
+    /// Converts an error of the renderer; sizes of a workspace are converted from 64-byte lines to bytes.
     pub fn of_workspace(error: RenderError) -> Self {
         match error {
             RenderError::Memory { expected, found } => Self::Memory {

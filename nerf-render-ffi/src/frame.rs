@@ -179,8 +179,7 @@ pub unsafe extern "C" fn nerf_render_picture(
     })
 }
 
-/// Renders the part `rect` of an image tile by tile into `canvas`, whose planes have the size of `rect`. `draw` renders
-/// a tile into the worker's `pixels`, row by row. Returns the counters, summed over all tiles.
+/// Renders `rect` tile by tile into `canvas`. `draw` renders a tile into the worker's `pixels`, row by row.
 fn render_tiles(
     worker: &mut State,
     frame: &Frame,

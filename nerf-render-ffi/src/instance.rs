@@ -32,8 +32,7 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// Reason why an instance is refused. A message consists of `instances[i]` and this reason. For an invalid
-    /// transform, the reason is [`Failure::Placement`] instead.
+    /// Reason, other than an invalid transform, why an instance is refused; messages add `instances[i]` before it.
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";
@@ -49,8 +48,6 @@ reasons! {
 
 #[cfg(feature = "instances")]
 impl Instance {
-    /// Reads and checks instance `index` of an array.
-    ///
     /// # Safety
     /// `first` is NULL or points to more than `index` instances, each as long as the first one's `struct_size`.
     pub(crate) unsafe fn read(first: *const Self, index: usize) -> Result<Self, Failure> {

@@ -118,8 +118,7 @@ pub unsafe extern "C" fn nerf_pace_measure(
         scene.check_apart("workspace", Span::new("workspace", workspace, workspace_size)?)?;
         let mut now = time(request.clock, request.user)?;
         let lines = workspace_size / size_of::<Line>();
-        // SAFETY: the workspace is aligned (checked above), and no one else uses it (this function's `# Safety`). Any
-        // bytes are valid lines.
+        // SAFETY: the workspace is aligned (checked above), and used by no one else (`# Safety`). Any bytes are valid.
         let lines = unsafe { core::slice::from_raw_parts_mut(workspace.cast::<Line>(), lines) };
         let found = nerf_core::render::Pace::measure(
             scene.renderer(),
@@ -135,8 +134,6 @@ pub unsafe extern "C" fn nerf_pace_measure(
     })
 }
 
-/// Reads and checks a request. Returns the request, the scene, and the plan (stages and settings) of the frame.
-///
 /// # Safety
 /// As for [`nerf_pace_measure`].
 unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene, Plan<'s>), Failure> {
@@ -153,8 +150,7 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     Ok((request, scene, plan))
 }
 
-/// Returns a function that reads the time in microseconds: from `clock`, or from the library's own clock if `clock` is
-/// `None`.
+/// Returns a function that reads the time, microseconds: from `clock`, or, if `None`, from the library's clock.
 fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
     #[cfg(feature = "std")]
     let start = std::time::Instant::now();

@@ -4,9 +4,8 @@ use core::panic::PanicInfo;
 
 #[cfg_attr(target_arch = "wasm32", link(wasm_import_module = "env"))]
 unsafe extern "C" {
-    /// Function that the host defines, and that a panic calls; the function must not return. If the compiler removes
-    /// every panic, `nerf_panicked` is not among the library's undefined symbols or WebAssembly imports, and the host
-    /// need not define the function.
+    /// Function that the host defines, and that a panic calls; must not return. If the compiler removes every panic,
+    /// the host need not define the function.
     fn nerf_panicked() -> !;
 }
 

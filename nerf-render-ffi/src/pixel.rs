@@ -80,8 +80,7 @@ pub(crate) enum Channel {
 }
 
 impl Channel {
-    /// Returns the plane's name for messages, and the `NERF_OUTPUT_*` flag that requests the plane; 0 if it needs no
-    /// flag.
+    /// Returns the plane's name for messages, and the `NERF_OUTPUT_*` flag that it needs, or 0 for none.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
@@ -97,7 +96,6 @@ impl Channel {
         }
     }
 
-    /// Returns the plane's name for messages, such as `target.rgb`.
     pub fn name(self) -> &'static str {
         self.about().0
     }
@@ -107,7 +105,6 @@ impl Channel {
         self.about().1 & !outputs == 0
     }
 
-    /// Returns a text for messages: the names of the formats that a plane of this channel may have.
     pub fn formats(self) -> &'static str {
         match self {
             Self::Colour => "NERF_FORMAT_RGB_U8, RGB_F32, RGBA_U8 or RGBA_F32",
@@ -130,8 +127,6 @@ impl Channel {
     }
 }
 
-/// Writes one channel of a pixel to `to`, in the given format.
-///
 /// # Safety
 /// `to` is aligned for `format` and writable for its size.
 #[inline]

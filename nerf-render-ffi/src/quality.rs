@@ -47,9 +47,8 @@ pub struct Choice {
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Writes the settings that `choose` returns to `options`, and, unless `choice` is NULL, their loss, cost and
-/// milliseconds per frame to `choice`. Returns an error if `choose` returns `None`: the scene has no usable Pareto
-/// front.
+/// Writes the settings that `choose` returns to `options`, and their figures to `choice`, unless that is NULL. Returns
+/// an error if `choose` returns `None`: the scene has no usable Pareto front.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the calling functions describe.

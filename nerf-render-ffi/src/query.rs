@@ -70,8 +70,7 @@ pub unsafe extern "C" fn nerf_query(
         let mut canvas = unsafe { Canvas::of_points(&points.sigma, &points.rgb, n, &read, worker)? };
         // SAFETY: `check` verified that the array holds `n` directions; the caller vouches for the array's memory.
         let dir_at = |i: usize| unsafe { dirs.at::<3>(i) };
-        // All directions are checked before the first result is written; the error has the direction's index in the
-        // array.
+        // All directions are checked before the first result is written; the error has the index in the array.
         if colour && let Some(index) = (0..n).find(|&i| !is_unit(Vec3::from(dir_at(i)))) {
             return Err(RenderError::Direction { index, found: dir_at(index) }.into());
         }
@@ -82,8 +81,7 @@ pub unsafe extern "C" fn nerf_query(
             let (mut p, mut d) = ([[0.0; 3]; CHUNK], [[0.0, 0.0, -1.0]; CHUNK]);
             let (mut s, mut c) = ([0.0; CHUNK], [[0.0; 3]; CHUNK]);
             for i in 0..count {
-                // SAFETY: `check` verified that the array holds `n` positions; the caller vouches for the array's
-                // memory.
+                // SAFETY: `check` verified that the array holds `n` positions; the caller vouches for its memory.
                 p[i] = unsafe { positions.at(start + i) };
                 if colour {
                     d[i] = dir_at(start + i);

@@ -57,11 +57,8 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
-    /// Returns element `i`, which has `EACH` floats.
-    ///
     /// # Safety
-    /// `i` is below the count that was checked, `EACH` is the checked number of floats, and the caller's memory is
-    /// readable.
+    /// `i` is below the checked count, `EACH` is the checked number of floats, and the caller's memory is readable.
     #[inline]
     pub unsafe fn at<const EACH: usize>(&self, i: usize) -> [f32; EACH] {
         // SAFETY: the element lies in the checked array, and is aligned; the caller vouches for the memory.

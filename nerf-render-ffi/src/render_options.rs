@@ -112,7 +112,6 @@ pub struct RenderOptions {
 versioned!(unsafe RenderOptions, "options", by_width(128, 136));
 
 impl RenderOptions {
-    /// Returns a copy of these options with the quality settings replaced by `quality`.
     pub(crate) fn with(self, quality: &Quality) -> Self {
         Self {
             samples: quality.samples.into(),
@@ -181,9 +180,8 @@ impl Settings {
         Ok(of_scene.plan(blob, outputs, self.batch)?)
     }
 
-    /// Returns an error if the options do not suit RGBA planes, since these are premultiplied. A tone curve is always
-    /// an error: it must be applied to the colour itself. Exposure is an error unless the output is linear: it
-    /// multiplies light, not display-encoded values.
+    /// Returns an error if the options do not suit RGBA planes, which are premultiplied. A tone curve must be applied
+    /// to the colour itself. Exposure multiplies light, and hence needs linear output.
     pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
         let tone = self.frame.effects.tone;
         let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);

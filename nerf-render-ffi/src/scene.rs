@@ -32,18 +32,15 @@ const _: () = {
 };
 
 impl Scene {
-    /// Returns the scene that a handle points to.
-    ///
     /// # Safety
-    /// `scene` is NULL or the handle of an opened scene. Nobody frees, moves or overwrites its memory or its file's
-    /// bytes during `'a`.
+    /// `scene` is NULL or an opened scene's handle. During `'a`, nobody frees, moves or changes its memory or file
+    /// bytes.
     pub(crate) unsafe fn of<'a>(scene: *const Self) -> Result<&'a Self, Failure> {
         if scene.is_null() {
             return Err(Failure::Null("scene"));
         }
         check_aligned("scene", scene as usize, align_of::<Self>())?;
-        // SAFETY: `scene` is not NULL, is aligned, and is valid, as this function's `# Safety` requires. Scenes are
-        // never written to.
+        // SAFETY: `scene` is not NULL, is aligned, and is valid (`# Safety`). Scenes are never written to.
         Ok(unsafe { &*scene })
     }
 
@@ -51,7 +48,6 @@ impl Scene {
         &self.renderer
     }
 
-    /// Returns an error if `span`, memory that will be written to, overlaps the scene or its file's bytes.
     pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
         span.check_apart(name, self.blob, "the blob")?;
         span.check_apart(name, self.memory, "the scene's memory")
@@ -69,8 +65,7 @@ pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
 /// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
 unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a>, Failure> {
     Span::of("blob", blob.cast::<u8>(), blob_size)?;
-    // SAFETY: `blob` is not NULL, is no longer than a slice may be, and is readable, as this function's `# Safety`
-    // requires.
+    // SAFETY: `blob` is not NULL, is no longer than a slice may be, and is readable (`# Safety`).
     let bytes = unsafe { core::slice::from_raw_parts(blob.cast::<u8>(), blob_size) };
     Ok(Blob::open_undecoded(bytes)?)
 }

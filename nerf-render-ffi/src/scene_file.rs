@@ -14,10 +14,8 @@ use nerf_core::memory::Line;
 use std::fs::File;
 use std::io::{self, Read};
 
-/// Memory of a scene that was opened from a file: the file's bytes and the scene itself. `nerf_scene_close` frees the
-/// memory.
-///
-/// The fields are pointers instead of boxes, since the scene borrows `blob` and `memory`, and itself lies in `memory`.
+/// Memory of a scene that was opened from a file; freed by `nerf_scene_close`. The fields are pointers instead of
+/// boxes, since the scene borrows `blob` and `memory`, and itself lies in `memory`.
 pub(crate) struct Owned {
     blob: NonNull<[u8]>,
     memory: NonNull<[Line]>,
@@ -34,8 +32,6 @@ impl Owned {
         Self { blob: NonNull::from(blob), memory: NonNull::from(memory) }
     }
 
-    /// Frees the file's bytes and the scene.
-    ///
     /// # Safety
     /// Nothing uses `blob` and `memory` any more.
     unsafe fn free(self) {
@@ -44,7 +40,6 @@ impl Owned {
     }
 }
 
-/// Reason why a file could not be opened as a scene, and the path of the file.
 struct FileFailure<'a> {
     path: &'a CStr,
     cause: Cause,
@@ -173,8 +168,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Returns the bytes of a scene file. Returns an error if the header is invalid, or if the length in the header is not
-/// the file's length.
+/// Returns the bytes of a scene file; an error if the header is invalid, or its length is not the file's length.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.

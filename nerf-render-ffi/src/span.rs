@@ -53,13 +53,11 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if the arrays, called `name` and `of` in the message, overlap. Fields of the same structures
-    /// may be interleaved.
+    /// Returns an error if the arrays overlap. Fields of the same structures may be interleaved.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
-            // Bytes from the start of an element of `self` to the next start of an element of `other`, less than a
-            // stride.
+            // Bytes, less than a stride, from an element's start in `self` to the next element's start in `other`.
             let offset = if other.span.start >= self.span.start {
                 behind % self.stride
             } else {
@@ -86,8 +84,7 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// Returns the bytes of a plane. `data`: address of the top left pixel. With a negative row stride, the following
-    /// rows lie at lower addresses. The caller has checked that no address overflows.
+    /// Returns a plane's bytes; `data`: its top left pixel. The caller has checked that no address overflows.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -98,7 +95,6 @@ impl PlaneBytes {
         Self { first: data - up, columns, rows, pixel_stride, row_stride: row_stride.unsigned_abs(), size }
     }
 
-    /// Returns an error if the planes `self` and `other`, called `name` and `of` in the message, share a byte.
     pub fn check_apart(&self, name: &'static str, other: &Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
@@ -123,8 +119,7 @@ impl PlaneBytes {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether the planes are interleaved channels of one structure and hence share no byte. Compares only offsets and
-    /// strides.
+    /// Whether the planes are interleaved channels of one structure, by offsets and strides, and share no byte.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;
@@ -137,8 +132,7 @@ impl PlaneBytes {
     /// Whether a pixel of the plane overlaps the `length` bytes that begin at `at`; the plane must not be empty.
     fn has_any(&self, at: usize, length: usize) -> bool {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
-        // Index of the first element that ends after offset `place`. Elements of `size` bytes start every `stride`
-        // bytes.
+        // Index of the first element that ends after offset `place`. An element starts every `stride` bytes.
         let behind = |place: usize, stride: usize, size: usize| {
             place
                 .checked_sub(size)
@@ -155,7 +149,6 @@ impl PlaneBytes {
     }
 }
 
-/// Returns an error unless `value` is a multiple of `expected`.
 pub(crate) fn check_aligned(name: &'static str, value: usize, expected: usize) -> Result<(), Failure> {
     if value.is_multiple_of(expected) {
         Ok(())

@@ -94,8 +94,7 @@ impl Canvas {
     /// Checks the planes of a target for the rectangle `rect` of an image.
     ///
     /// # Safety
-    /// `at` is NULL or points to `struct_size` readable bytes; its planes are NULL or span memory that is writable
-    /// while the canvas is used.
+    /// `at` is NULL or readable for `struct_size` bytes. Its planes are NULL, or writable while the canvas is used.
     pub unsafe fn of_image(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
         let extent = (rect.width as usize, rect.height as usize);
         // SAFETY: the arguments are valid, as this function's `# Safety` requires.
@@ -138,8 +137,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks every plane of a target: it must fit `extent`, and must not overlap a scene, the worker, another plane or
-    /// `read`. `read`: memory of the input arrays of rays; `None` for an image.
+    /// Checks every plane of a target with `check`, and that outputs do not overlap. `read`: as for `check`.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -183,9 +181,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Prepares `worker` for this target: if the target has an RGBA plane, the worker composites without background,
-    /// else over the background. Returns an error if the target has an RGBA plane and the worker's options have a tone
-    /// curve, or exposure without linear output.
+    /// Shows the background in `worker` unless there is an RGBA plane; an error if its options do not suit RGBA.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
@@ -195,7 +191,6 @@ impl Canvas {
         Ok(())
     }
 
-    /// Whether there is a plane for `channel`.
     pub fn has(&self, channel: Channel) -> bool {
         self.surfaces.iter().flatten().any(|surface| surface.channel == channel)
     }
@@ -208,8 +203,7 @@ impl Canvas {
                 for column in 0..tile.width {
                     let pixel = pixels.get((row * tile.width + column) as usize);
                     let (x, y) = (tile.x - left + column, tile.y - top + row);
-                    // SAFETY: the tile lies in the rectangle that `check` was given; `of_image` requires writable
-                    // memory.
+                    // SAFETY: the tile lies in the rectangle given to `check`; `of_image` requires writable memory.
                     unsafe {
                         put(surface.at(x as usize, y as usize), surface.format, surface.channel, &pixel)
                     };
@@ -222,8 +216,7 @@ impl Canvas {
     #[inline]
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         for surface in self.surfaces.iter().flatten() {
-            // SAFETY: `i` is below the count that `check` was given; `of_target` and `of_points` require writable
-            // memory.
+            // SAFETY: `i` is below the count given to `check`; `of_target` and `of_points` require writable memory.
             unsafe { put(surface.at(i, 0), surface.format, surface.channel, pixel) };
         }
     }
@@ -242,8 +235,6 @@ impl Surface {
         PlaneBytes::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
     }
 
-    /// Returns the address of pixel (`x`, `y`) of the plane.
-    ///
     /// # Safety
     /// The pixel lies in the extent that was checked.
     #[inline]
@@ -253,9 +244,8 @@ impl Surface {
     }
 }
 
-/// Checks output, format, strides, alignment and extent of a plane. The plane must not overlap a scene, the worker or
-/// `read`. `read`: memory of the input arrays of rays or points; `None` for an image. Returns `None` for a plane that
-/// is left out.
+/// Checks a plane; `None` if it is left out. The plane must not overlap a scene, the worker or `read`. `read`: memory
+/// of the input arrays of rays or points; `None` for an image.
 fn check(
     channel: Channel,
     plane: &Plane,

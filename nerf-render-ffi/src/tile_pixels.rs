@@ -31,7 +31,6 @@ fn if_asked(asked: bool, pixels: usize) -> usize {
 }
 
 impl<'w> TilePixels<'w> {
-    /// Number of [`Line`](nerf_core::memory::Line)s that `pixels` pixels take if `outputs` are requested.
     pub fn lines(pixels: usize, outputs: Outputs) -> usize {
         let mut measure = Measure::default();
         Self::lay_out(&mut measure, pixels, outputs);

@@ -105,9 +105,7 @@ impl Worker {
     }
 }
 
-/// Calls `body` with exclusive access to the worker's state.
-///
-/// If `body` panics, the worker stays busy for good, since its state may be incomplete.
+/// Calls `body` with exclusive access to the state. After a panic the worker stays busy: the state may be incomplete.
 ///
 /// # Safety
 /// `worker` is NULL or the handle of an opened worker. The caller has not freed, moved or overwritten the memory of the
@@ -127,15 +125,13 @@ pub(crate) unsafe fn with_worker(
     if worker.take() {
         return Err(Failure::Busy);
     }
-    // SAFETY: the flag was clear, so no other call has a reference to the state. A call that finds the flag set returns
-    // without touching the state.
+    // SAFETY: the flag was clear, so no other call has a reference to the state, or gets one before this call ends.
     let result = body(unsafe { &mut *worker.state.get() });
     worker.busy.store(false, Ordering::Release);
     result
 }
 
-/// Calls `body` with the worker's state and a copy of the caller's structure at `asked`. `body` returns counters.
-/// Unless `counters` is NULL, the returned counters are written there.
+/// Calls `body` with the state and a copy of the structure at `asked`; writes its result to `counters` unless NULL.
 ///
 /// # Safety
 /// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
@@ -159,7 +155,6 @@ pub(crate) unsafe fn with_worker_and<T: Versioned>(
 }
 
 impl State {
-    /// Returns an error if `span` overlaps a scene file, a scene or the worker's memory.
     pub(crate) fn check_apart(&self, name: &'static str, span: Span) -> Result<(), Failure> {
         span.check_apart(name, self.memory, "the worker's memory")?;
         self.members.iter().try_for_each(|member| member.scene.check_apart(name, span))
@@ -200,8 +195,6 @@ struct Shares {
 }
 
 impl Checked {
-    /// Reads and checks a request, except for its scenes.
-    ///
     /// # Safety
     /// `at` is NULL or points to a request whose pointers are NULL or point to what [`Request`] describes.
     unsafe fn read(at: *const Request) -> Result<Self, Failure> {
@@ -239,8 +232,7 @@ impl Checked {
     unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
         #[cfg(feature = "instances")]
         if self.placed {
-            // SAFETY: `_index` is below the number of instances; they are valid, as this function's `# Safety`
-            // requires.
+            // SAFETY: `_index` is below the number of instances, which are valid (`# Safety`).
             let scene = unsafe {
                 Instance::read(self.request.instances, _index).and_then(|instance| Scene::of(instance.scene))
             };
@@ -250,8 +242,6 @@ impl Checked {
         unsafe { Scene::of(self.request.scene) }
     }
 
-    /// Returns the placement of instance `index`; the identity if the request has no instances.
-    ///
     /// # Safety
     /// As in [`Checked::read`].
     #[cfg(feature = "instances")]
@@ -283,8 +273,6 @@ impl Checked {
         plan.map(Some).map_err(|failure| self.of_scene(index, failure))
     }
 
-    /// Computes the sizes of the parts of the worker's memory.
-    ///
     /// # Safety
     /// As for [`Checked::scene`].
     unsafe fn shares(&self) -> Result<Shares, Failure> {
@@ -408,8 +396,6 @@ struct Lent {
 }
 
 impl Lent {
-    /// Splits the next `count` lines of 64 bytes off the lent memory, and returns these lines.
-    ///
     /// # Safety
     /// `count` lines are left, and lent to the worker alone.
     #[inline]

@@ -16,8 +16,7 @@ const SMALLEST_RESIDUAL: f64 = 0.02;
 const USABLE: (f64, f64) = (15.0, 245.0);
 /// A colour is averaged over a square of 5 × 5 pixels: this number of pixels on each side of the middle one.
 const HALF_SIDE: i64 = 2;
-/// Minimum number of lines of sight (sparse points that a photograph shows) to measure the photograph's gain well.
-/// Gains are measured only if at least half of the photographs, and at least two, have this number.
+/// Gains are measured if at least half of the photographs, and at least two, have this number of lines of sight.
 const ENOUGH_SIGHTS: usize = 20;
 /// Exposure is fitted if the standard deviation of the log gains is at least this. On two captures of constant exposure
 /// (measured standard deviations 0.043 and 0.079), fitting gains lost 0.2 to 0.7 dB.
@@ -41,8 +40,7 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Photograph with the strongest gain, brighter or darker: its index, and its log gain averaged over the channels.
-    /// `None` if even this gain is less than a factor of two.
+    /// Index and mean log gain of the photograph with the strongest gain; `None` if that is less than a factor of two.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
@@ -90,8 +88,7 @@ fn brightness(gain: &[f32; 3]) -> f64 {
     gain.iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0
 }
 
-/// Natural logarithm of the mean colour, 0 to 255, around pixel `at` of a view; `None` if the colour is too dark,
-/// clipped or transparent.
+/// Natural logarithm of the mean colour (0 to 255) around pixel `at`; `None` if too dark, clipped or transparent.
 fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     let [x, y] = at.map(|v| v.floor() as i64);
@@ -107,8 +104,7 @@ fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     mean.iter().all(|c| (USABLE.0..USABLE.1).contains(c)).then(|| mean.map(f64::ln))
 }
 
-/// Returns the log gain of each view in one colour channel, by iteratively reweighted least squares. `observed`: index
-/// of the view, index of the point, and log of the colour in this channel. `views`: number of views.
+/// Returns each view's log gain in one channel. `observed`: index of the view, index of the point, log of the colour.
 fn least_absolute(observed: &[(usize, usize, f64)], views: usize) -> Vec<f64> {
     let points = observed.iter().map(|&(_, point, _)| point + 1).max().unwrap_or(0);
     let mut gains = vec![0.0; views];

@@ -1,5 +1,4 @@
-//! Information about a capture before training: lines of sight to sparse points, exposure of each photograph, and
-//! faults of the capture.
+//! Captures before training: lines of sight to sparse points, exposure of each photograph, and faults.
 
 pub mod check;
 pub mod exposure;

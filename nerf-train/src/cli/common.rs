@@ -107,9 +107,8 @@ impl Global {
         if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
     }
 
-    /// Prints the result to stdout: as JSON with `--json`, else its fields as lines.
-    ///
-    /// Commands print results only here or by [`Self::finish_with`]: with `--json`, stdout must hold one JSON object.
+    /// Prints the result to stdout: as JSON with `--json`, else its fields as lines. Commands print results only here
+    /// or by [`Self::finish_with`]: with `--json`, stdout must hold one JSON object.
     pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<ExitCode> {
         self.finish_with(result, || print(lines(result)?.trim_end()))
     }
@@ -133,10 +132,8 @@ fn parse_kernel(name: &str) -> Result<Kernel, String> {
     })
 }
 
-/// Blocks SIGXFSZ, so that a write beyond the file size limit (`ulimit -f`) returns an error, as on a full disk. By
-/// default the signal ends the process without a message.
-///
-/// Call this before any thread starts: threads and child processes, such as ffmpeg, inherit the signal mask.
+/// Blocks SIGXFSZ, so that a write beyond the file size limit (`ulimit -f`) returns an error instead of ending the
+/// process. Call this before any thread starts: threads and child processes, such as ffmpeg, inherit the signal mask.
 pub fn survive_file_size_limits() {
     #[cfg(unix)]
     {
@@ -185,8 +182,7 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Reports the steps `missed`: steps that `--snapshots` names, but at which no image was made. A missed step is after
-/// the run's last step `last`, or before the step from which the run was resumed.
+/// Reports the steps `missed` of `--snapshots`: after the run's last step `last`, or before the step of the resume.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

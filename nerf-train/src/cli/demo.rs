@@ -115,8 +115,7 @@ impl Demo {
         }
     }
 
-    /// Evaluates every held-out view against its ray-traced image and z-depth, and writes a contact sheet. Returns the
-    /// scores, and the median relative error of z-depth at opaque pixels.
+    /// Evaluates the held-out views, and writes a contact sheet. Returns scores, and the median relative z-depth error.
     fn views(
         &self,
         renderer: &Renderer<'_>,

@@ -44,8 +44,7 @@ impl Split {
         Ok(views)
     }
 
-    /// Returns the cameras of the split's views. If the test split has poses but no images, returns cameras at these
-    /// poses.
+    /// Returns the cameras of the split's views, or cameras at its poses if the test split has no images.
     pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
         let views = self.of(dataset);
         if self == Self::Test && views.is_empty() {
@@ -176,8 +175,7 @@ impl Eval {
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Reports that `--background` does not change the photographs, if none of them has alpha. Reports nothing if
-    /// `--background` is absent or equals `own`, the scene file's background.
+    /// Reports a `--background` other than `own`, the scene file's, if no photograph has alpha to show it.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

@@ -79,8 +79,7 @@ enum Kind {
 
 /// Memory per cell during mesh extraction, bytes: density, three optical depths of 16 bits, and vertices.
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
-/// Memory per cell of a volume, bytes: density (4) and colour (3), held three times: as values, as bytes and as an
-/// archive.
+/// Memory per cell of a volume, bytes: density (4) and colour (3), each as values, as bytes and as an archive.
 const BYTES_PER_CELL: u64 = 3 * 7;
 const BYTES_PER_POINT: u64 = 36;
 

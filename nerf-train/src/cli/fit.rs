@@ -179,9 +179,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns settings adapted to the photographs' resolution and to the length of the run: grid and ray-march steps
-    /// follow from the number of pixels across the scene, and a long run has larger tables. Then limits the file size
-    /// to `--max-bytes`. Reports the chosen settings.
+    /// Returns settings adapted to the photographs' resolution, the length of the run and `--max-bytes`; reports them.
     fn sized(
         &self,
         config: Config,
@@ -235,9 +233,8 @@ impl Fit {
         Ok(fitted)
     }
 
-    /// Returns `config` adapted to a long run if this run is long; otherwise returns `config` unchanged. A new run is
-    /// long by its limits of steps and time ([`detail::is_long`]). A resumed run is long if its checkpoint has the grid
-    /// of a long run. `chosen`: settings that the user gave, which do not change.
+    /// Returns `config`, adapted if this run is long by its limits ([`detail::is_long`]) or by the grid of its
+    /// checkpoint. `chosen`: settings that the user gave, which do not change.
     fn for_length(config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
         let long = detail::for_long_run(config.clone(), chosen);
         let is_long = match options.resumed_grid()? {

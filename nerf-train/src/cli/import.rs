@@ -17,8 +17,7 @@ use std::process::ExitCode;
 
 /// Number of views to evaluate without `--view`.
 const VIEWS: usize = 10;
-/// Number of views whose encoded ray directions are averaged. If view dependence is dropped, the mean replaces the
-/// encoded direction.
+/// Number of views whose encoded ray directions are averaged, for a network without view dependence.
 const RAY_VIEWS: usize = 50;
 
 /// Convert a nerf-pytorch checkpoint to a scene file.

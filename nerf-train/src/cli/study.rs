@@ -17,8 +17,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Occupancy grids to build: number of cells along the longest side of the scene box, and threshold. A cell is occupied
-/// if its density times the distance between samples is above the threshold.
+/// Occupancy grids to build: cells along the longest side, and threshold on density × distance between samples.
 const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
 /// Measure time and accuracy of approximate rendering, such as fewer samples, and find the Pareto front.

@@ -118,8 +118,7 @@ impl Dataset {
         instead
     }
 
-    /// Sets the origin of a data set whose coordinates are already relative to `origin`. A note states the origin, and
-    /// so does the data set's name, which `.nerf` blobs store.
+    /// Sets the origin to which all coordinates are already relative; a note and the data set's name state it.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -221,8 +220,7 @@ impl std::str::FromStr for Axes {
     }
 }
 
-/// Choice between the cameras (sets of intrinsics) of a COLMAP reconstruction and one camera for each device
-/// (`--cameras`).
+/// Choice between the cameras (sets of intrinsics) of a COLMAP reconstruction and one camera per device (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
     /// One camera for each device. A reconstruction with one camera for each photograph is adjusted again.
@@ -264,16 +262,13 @@ pub struct ReadOptions {
     pub far: Option<f32>,
     /// Size limit of an unpacked array of an archive, bytes, against zip bombs; `None`: 4 GiB.
     pub max_array_bytes: Option<u64>,
-    /// Whether pictures outside of a json's folder are read (`--outside-files`). A json may name them by `..`, by an
-    /// absolute path, or through a link that leads out.
+    /// Whether pictures outside of a json's folder are read (`--outside-files`): by `..`, an absolute path, or a link.
     pub outside_files: bool,
     /// Layout in which a folder is read, if several fit (`--layout`).
     pub layout: Option<Layout>,
-    /// Factor by which photographs are reduced (`--downscale`). In Blender folders, [`Downscale::Auto`] reduces
-    /// nothing.
+    /// Factor by which photographs are reduced (`--downscale`); [`Downscale::Auto`] reduces nothing in Blender folders.
     pub downscale: Downscale,
-    /// Index, 0 to 7, of the held-out photograph in each run of eight photographs, sorted by name. Ignored if the data
-    /// set lists its splits.
+    /// Index, 0 to 7, of the held-out photograph in each eight, sorted by name; ignored if the data set lists splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
     /// File that stores shared cameras. If it was made from this reconstruction, it is read; otherwise it is written,
@@ -282,8 +277,7 @@ pub struct ReadOptions {
     /// Origin of all coordinates, in the file's world ([`Dataset::origin`]). To evaluate a `.nerf` blob, pass its
     /// origin. `None`: the file's origin, or a point near the cameras if these are far from it.
     pub origin: Option<[f64; 3]>,
-    /// Whether the data are read to evaluate an existing field. If true, views of any split suffice; otherwise training
-    /// views are required.
+    /// Whether the data are read to evaluate an existing field: then no training views are required.
     pub to_measure: bool,
 }
 

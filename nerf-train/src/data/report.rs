@@ -119,10 +119,8 @@ fn one_place(dataset: &Dataset) -> Option<String> {
     (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
 }
 
-/// Warning, with a remedy, if the cameras do not look at a common place.
-///
-/// The opposite convention ([`Axes::other`]) reverses all viewing directions: it is right exactly if the axes meet
-/// behind the cameras. Forward-facing captures get no warning, because their axes need not meet.
+/// Warning, with a remedy, if the cameras do not look at a common place. The opposite convention ([`Axes::other`]) is
+/// right exactly if the axes meet behind the cameras. Forward-facing captures get no warning: their axes need not meet.
 fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {
     if look_at.agrees() || look_at.forward_facing() {
         return None;

@@ -58,10 +58,9 @@ impl View {
     }
 
     /// Returns every `step`-th pixel of every `step`-th row, with a camera that has exactly the rays of these pixels.
-    /// Returns the view itself if `step` is 1, or if the mask leaves no sampled pixel.
-    ///
-    /// `step` must be odd. Pixel `i` of the result is pixel `step i + step / 2` of the view. Along a side shorter than
-    /// `step`, the step is the largest odd number that fits.
+    /// Returns the view itself if `step` is 1, or if the mask leaves no sampled pixel. `step` must be odd. Pixel `i` of
+    /// the result is pixel `step i + step / 2` of the view. Along a side shorter than `step`, the step is the largest
+    /// odd number that fits.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
             return Cow::Borrowed(self);
@@ -109,9 +108,8 @@ impl View {
         self.pixels.iter().any(|p| p[3] < 255)
     }
 
-    /// Returns the picture composited over `background`, `[height * width]`; both are display-encoded in [0, 1].
-    ///
-    /// The formula is `colour * alpha + background * (1 - alpha)` in display space, as for published figures.
+    /// Returns the picture composited over `background`, `[height * width]`; both are display-encoded in [0, 1]. The
+    /// formula is `colour * alpha + background * (1 - alpha)` in display space, as for published figures.
     pub fn composite_over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
         self.pixels.iter().map(|&pixel| over(pixel, background)).collect()
     }

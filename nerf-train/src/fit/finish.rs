@@ -281,8 +281,7 @@ pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Refines the validation poses. Returns the refined poses of all views, and the scores of the validation views
-/// rendered from them. Each is `None` if poses are not refined.
+/// Refined poses of all views, and scores of the validation views from them; `None` if poses are not refined.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],

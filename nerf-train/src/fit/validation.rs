@@ -46,13 +46,10 @@ pub(super) struct Due {
     pictures: bool,
 }
 
-/// Returns whether a validation, snapshots or both are due; `None` if neither is. `ended`: whether the last step is
-/// done.
-///
-/// The decision depends on step, budget and the trainer's state, so that a resumed run validates at the same steps as
-/// an uninterrupted one. With a limit in seconds, the decision also depends on the time that a validation takes.
-///
-/// `share`: used fraction of the budget.
+/// Returns whether a validation, snapshots or both are due; `None` if neither is. `share`: used fraction of the budget.
+/// `ended`: whether the last step is done. The decision depends on step, budget and the trainer's state, so that a
+/// resumed run validates at the same steps as an uninterrupted one. With a limit in seconds, it also depends on the
+/// duration of a validation.
 pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Option<Due> {
     let validation = validation_is_due(session, share, ended);
     let pictures = pictures_are_due(session, share, ended);

@@ -15,8 +15,7 @@ pub struct Shard {
 impl Shard {
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
-    /// Returns the part of an array job that this process runs, and the name of the environment variable that states
-    /// it. `None` outside of an array job. `variable`: reads an environment variable.
+    /// Returns this process's part of an array job, and the environment variable that states it; `None` without one.
     ///
     /// Slurm: `SLURM_ARRAY_TASK_ID` is one of `SLURM_ARRAY_TASK_COUNT` evenly spaced indices. The first index is
     /// `SLURM_ARRAY_TASK_MIN` (default 0), the last `SLURM_ARRAY_TASK_MAX`, the spacing `SLURM_ARRAY_TASK_STEP`

@@ -65,11 +65,8 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
 }
 
 /// Renders every view over `background`, and compares it with its photograph over the same background. Masked pixels
-/// are left out.
-///
-/// Rays begin at the camera, unless the plan limits the range of distances.
-///
-/// `each` is called with every view, its frame, ground truth and score, in order.
+/// are left out. Rays begin at the camera, unless the plan limits the range of distances. `each` is called with every
+/// view, its frame, ground truth and score, in order.
 pub fn evaluate<'v>(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -137,11 +134,9 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Renders `views` with `plan`, and compares each with its photograph, as [`evaluate`] does. `bytes`: the scene
-    /// file for which `plan` was made; `split`: name of the views' split; `points`: sparse points, to which surfaces
-    /// are compared.
-    ///
-    /// `each` is called with every view, its frame and score, in order.
+    /// Renders `views` with `plan`, and compares each with its photograph, as [`evaluate`] does. `bytes`: scene file of
+    /// `plan`; `split`: name of the views' split; `points`: sparse points, to which surfaces are compared. `each` is
+    /// called with every view, its frame and score, in order.
     pub fn of<'v>(
         bytes: &[u8],
         plan: &Plan<'_>,
@@ -228,9 +223,7 @@ fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
     rows.flat_map(|row| row.iter().step_by(step)).copied().collect()
 }
 
-/// Renders `views` of the scene file `blob` over `background`, and compares each with its photograph, as [`evaluate`]
-/// does.
-///
+/// Renders `views` of the scene file `blob` over `background`, and compares them with photographs as [`evaluate`] does.
 /// `parameters`: f32 weights in place of the file's rounded weights; `None`: the file's weights.
 pub fn measure<'v>(
     blob: &[u8],

@@ -21,8 +21,7 @@ pub struct ViewErrors {
     /// Mean squared error of the colours against the exact rendering.
     pub exact_mse: f64,
     pub exact_max: f64,
-    /// Absolute error of `ray_distance` against the exact rendering, summed over the pixels of opacity above 1/2, world
-    /// units.
+    /// Absolute error of `ray_distance` against the exact rendering, summed over solid pixels, world units.
     pub distance_sum: f64,
     pub distance_max: f64,
     pub solid: u64,
@@ -75,8 +74,7 @@ pub struct Point {
     pub label: String,
     /// Errors of each view; `None` for a view that was not rendered.
     pub views: Vec<Option<ViewErrors>>,
-    /// Render times, `[round of timing][timed view]`; `None` for a view that the round did not render. A study times
-    /// only some of its views.
+    /// Render times, `[round of timing][timed view]`; `None` for a view that the round did not render.
     pub rounds: Vec<Vec<Option<Clocked>>>,
     pub memory: Memory,
 }
@@ -93,8 +91,7 @@ pub struct Totals {
     pub exact_psnr_db: f64,
     /// Largest difference of a colour channel from the exact rendering.
     pub exact_max: f64,
-    /// Mean absolute error of `ray_distance` against the exact rendering over the pixels of opacity above 1/2, world
-    /// units.
+    /// Mean absolute error of `ray_distance` against the exact rendering over pixels of opacity > 1/2, world units.
     pub distance_mean: f64,
     pub distance_max: f64,
     pub counters: Counters,
@@ -218,8 +215,7 @@ pub struct Settings {
     /// Index in `Variants` of the rendered variant of the scene file; 0: the unchanged file.
     pub variant: usize,
     pub precision: Precision,
-    /// Scale of the rendered picture: its sides are `quarters`/4 of the view's. If this is less than 4, the picture is
-    /// enlarged after rendering.
+    /// Sides of the rendered picture, quarters of the view's sides; a smaller picture is enlarged after rendering.
     pub quarters: u32,
     pub rays: u16,
 }

@@ -12,15 +12,13 @@ use nerf_core::{Kernel, host};
 
 /// Approximate number of pixels per view at which distances are measured; the pixels are on a regular grid.
 const ASKED_PIXELS: u64 = 10_000;
-/// Fraction of the distance to a view's nearest sparse point. A surface nearer than this fraction of that distance is
-/// too near.
+/// Fraction of the distance to a view's nearest sparse point, below which a surface is too near.
 const TOO_NEAR: f32 = 0.9;
 
 /// Errors of a field's surfaces, which lie at the median distances of rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Surfaces {
-    /// Median relative error of `median_distance` at key points, against their sparse points; `None` without key
-    /// points.
+    /// Median relative error of `median_distance` at key points against sparse points; `None` without key points.
     pub depth_error: Option<f64>,
     /// Mean over the views of the fraction of pixels whose `median_distance` is less than 0.9 times the distance of the
     /// nearest sparse point in the view; `None` if no view has a sparse point.

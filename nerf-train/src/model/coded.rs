@@ -6,25 +6,20 @@ use nerf_core::encoding::GridEncoding;
 
 /// Number of candidate quantisation steps per octave: neighbours differ by a factor of 2^(1/16).
 const TO_AN_OCTAVE: i32 = 16;
-/// Exponent, in sixteenths, of the default quantisation step, which is used if the size of the coded tables has no
-/// limit. The level with the most values gets the step 2^(`OWN` / 16) = 2^−2.75 times the root mean square of all
-/// values. A value then takes 4.6 bits.
+/// Exponent of the default step of the level with the most values, as [`FINEST`]. A value then takes 4.6 bits.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
 /// Exponent `i` of the finest candidate step. A candidate step is 2^(`i` / 16) times the root mean square of all
 /// values. The exponents end at [`COARSEST`], with which every value becomes 0.
 const FINEST: i32 = -8 * TO_AN_OCTAVE;
 const COARSEST: i32 = 24 * TO_AN_OCTAVE;
-/// Exponent by which a level's step depends on its size: the step is proportional to (number of the level's
-/// values)^`POWER`. In theory, 1/2 gives the least squared error at a given size. Measured PSNR of the scene lego in 95
-/// KB: 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
+/// Power of a level's number of values to which its step is proportional. In theory, 1/2 is best. Measured PSNR of the
+/// scene lego in 95 KB: 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
 const POWER: f32 = 0.25;
-/// Largest number of grid vertices per table entry at which a level is searched for unread entries. With more vertices
-/// per entry, almost every entry is read.
+/// Largest number of vertices per entry at which a level is searched for unread entries; with more, few are unread.
 const SHARED: usize = 8;
 
-/// Returns the quantisation step of each level. The steps are the smallest with which the coded tables take at most
-/// `most_bytes`; if `most_bytes` is `None`, the default steps. No step is smaller than the step that int8 storage has
-/// at the same level ([`scale_of`]).
+/// Returns the quantisation step of each level: the smallest with which the coded tables take at most `most_bytes`, or
+/// the default steps. No step is smaller than that of int8 storage ([`scale_of`]).
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -45,8 +40,7 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     }
 }
 
-/// Returns the least number from `least` to [`COARSEST`] for which `fits` is true. If `fits` is true for none, returns
-/// [`COARSEST`]. Bisection: all numbers after the first that fits must fit, too.
+/// Returns the least number from `least` to [`COARSEST`] for which the monotonic `fits` is true, else [`COARSEST`].
 fn finest_within(least: i32, fits: impl Fn(i32) -> bool) -> i32 {
     let (mut low, mut high) = (least, COARSEST);
     while low < high {
@@ -93,8 +87,7 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }
 
-/// Returns a copy of `values` with 0 in all table entries that no sample in an occupied cell reads. `bits`: occupancy
-/// grid of `resolution`, one bit per cell.
+/// Returns `values` with 0 in all entries that no sample in an occupied cell reads. `bits`: one per occupancy cell.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],
@@ -243,8 +236,7 @@ mod tests {
                 }
             }
         }
-        // If all cells are occupied, the first two levels, which are dense, keep every entry. If none is, every entry
-        // becomes 0.
+        // If all cells are occupied, the dense first two levels keep every entry. If none is, every entry becomes 0.
         let shared = grid.levels().nth(2).expect("three levels").first * 2;
         assert_eq!(without_unread(&grid, &values, [8; 3], &[0xff; 64])[..shared], values[..shared]);
         assert!(without_unread(&grid, &values, [8; 3], &[0; 64]).iter().all(|&value| value == 0.0));

@@ -15,8 +15,7 @@ pub struct Contents<'a> {
     pub parameters: &'a [f32],
     pub tables: Tables<'a>,
     pub content: Content,
-    /// Occupancy grid, if the file gets one: number of cells along x, y, z, and one bit per cell in the order of
-    /// [`StoredOccupancy::bits`].
+    /// Occupancy grid, if any: cells along x, y, z, and one bit per cell in the order of [`StoredOccupancy::bits`].
     pub occupancy: Option<([u16; 3], &'a [u8])>,
     pub provenance: Provenance<'a>,
 }
@@ -34,8 +33,7 @@ pub enum Tables<'a> {
 }
 
 impl<'a> Tables<'a> {
-    /// Returns the trained `values` of a grid with these settings, or [`Tables::None`] without a grid. Int8 and coded
-    /// values are stored as multiples of `scales`.
+    /// Returns a grid's trained `values`; without a grid [`Tables::None`]. Int8 and coded: multiples of `scales`.
     pub fn of(grid: Option<&TableConfig>, values: &'a [f32], scales: &'a [f32]) -> Self {
         grid.map_or(Self::None, |grid| Self::Values { values, rounding: grid.rounding(), scales })
     }

@@ -110,8 +110,7 @@ impl FieldConfig {
         self
     }
 
-    /// Checks every setting. For an image of this size, pixels, also checks that no cell of the grid is smaller than a
-    /// pixel, and that the grid's tables are not too large.
+    /// Checks every setting; for an image of this size, pixels, also the grid's finest level and its tables' size.
     pub fn check_for(&self, size: [u32; 2]) -> Result<(), ConfigError> {
         self.check()?;
         let Some(grid) = &self.grid else { return Ok(()) };

@@ -33,11 +33,9 @@ impl From<TableStorage> for Rounding {
     }
 }
 
-/// Fraction of a run after which training, too, rounds tables that are exported as int8 or coded. The remaining steps
-/// compensate for the rounding.
+/// Fraction of a run after which training rounds int8 and coded tables, too; later steps compensate for rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fractions of a level's values that are not clipped, one per candidate step. Values of the largest magnitudes are
-/// clipped.
+/// Fraction of a level's values that each candidate step leaves unclipped; the largest magnitudes are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -50,9 +48,8 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds the `values` of all levels of `grid`. Int8 and coded values become multiples of the steps `given`, one
-    /// per level, or of the steps that [`scales`] returns if `given` is empty. Coded tables that exceed their limit of
-    /// bytes get larger steps.
+    /// Rounds the `values` of `grid`. Int8 and coded values become multiples of the steps `given`, one per level, or of
+    /// [`scales`] if `given` is empty. Coded tables that exceed their limit of bytes get larger steps.
     ///
     /// # Errors
     /// Index and value of the first value that is not finite or beyond ±65504, f16's largest.
@@ -125,8 +122,7 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Returns the quantisation step of each level. Int8: the step of least squared error (`scale_of`). Coded: the finest
-/// steps with which the tables fit the limit of bytes.
+/// Returns each level's quantisation step. Int8: that of least squared error. Coded: the finest within the limit.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),
@@ -142,8 +138,7 @@ pub(super) fn steps(value: f32, scale: f32) -> f32 {
 /// Returns the quantisation step with the least squared error of rounding and clipping a level's values. A candidate
 /// step leaves one of the fractions [`KEPT`] of the values unclipped.
 ///
-/// A few entries are often many times as large as all others. On fitted scenes, clipping these few costs less error
-/// than coarse steps for all values.
+/// A few entries are often many times as large as all others: clipping them costs less than coarse steps.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);
@@ -181,8 +176,7 @@ mod tests {
     fn each_level_has_its_own_scale_and_is_half_a_step_off_at_most() {
         let grid = grid(&[[4, 4, 4], [9, 9, 9]]);
         let first = 2 * grid.levels().nth(1).expect("two levels").first;
-        // Values are spread evenly over ±1e-3 in the first level and ±100 in the second. Clipping would not lower the
-        // error.
+        // Values are spread over ±1e-3 in the first level, ±100 in the second: clipping would not lower the error.
         let values: Vec<f32> = (0..grid.values())
             .map(|i| ((i * 7919 % 1009) as f32 / 504.0 - 1.0) * if i < first { 1e-3 } else { 100.0 })
             .collect();

@@ -37,8 +37,7 @@ pub fn labels(ticks: &[f64]) -> Vec<String> {
     if largest == 0.0 {
         return vec!["0".to_owned(); ticks.len()];
     }
-    // Decimals down to the first digit of the distance between ticks. A lone tick gets two more, for three significant
-    // digits.
+    // Decimals down to the first digit of the distance between ticks; a lone tick gets three significant digits.
     let lone = if ticks.len() < 2 { 2 } else { 0 };
     let decimals = (-(step.log10() + 1e-9).floor()) as i64 + lone;
     if largest >= 1e6 || decimals > 5 {

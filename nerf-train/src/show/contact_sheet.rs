@@ -3,8 +3,7 @@
 use super::text::{self, Direction};
 use crate::data::pictures::rgb::Picture;
 
-/// Smallest length of a picture's longer side, pixels: small pictures are enlarged by a whole factor (nearest
-/// neighbour).
+/// Smallest length of a picture's longer side, pixels: smaller pictures are enlarged by a whole factor.
 const CELL: usize = 192;
 const GAP: usize = 12;
 const CAPTION: f32 = 18.0;
@@ -28,8 +27,7 @@ impl Cell {
 
 /// Contact sheet of `columns` cells per row on white, with a title line on top unless `title` is empty.
 ///
-/// `columns` is clamped to between 1 and the number of cells. Without cells and title the result is a small white
-/// picture.
+/// `columns` is clamped to the number of cells, and to 1. Without cells and title the result is a small white picture.
 pub fn contact_sheet(title: &str, cells: &[Cell], columns: usize) -> Picture {
     let columns = columns.clamp(1, cells.len().max(1));
     let pictures: Vec<Picture> = cells.iter().map(|cell| cell.picture.enlarged_to(CELL)).collect();

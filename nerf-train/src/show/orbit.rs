@@ -5,8 +5,7 @@ use nerf_core::blob::{SceneFacts, Viewpoint};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::f32::consts::TAU;
 
-/// Largest elevation of an orbit through the scene file's viewpoint, degrees. Without this limit, an unusual up
-/// direction would give a steep orbit.
+/// Largest elevation of an orbit through the scene file's viewpoint, degrees: unusual up directions give steep orbits.
 const STEEPEST: f32 = 80.0;
 
 /// Circle of cameras, or an arc of one, around a centre at which all cameras look.

@@ -16,8 +16,7 @@ use std::path::PathBuf;
 /// Colour range of each distance output, world units.
 pub type Ranges = Vec<(Output, (f32, f32))>;
 
-/// Lower limit of a view's sides in the coarse pass, pixels. The pass reduces each side to a quarter, down to this
-/// limit.
+/// Lower limit of a view's sides in the coarse pass, pixels; the pass reduces each side to a quarter.
 const COARSE: u32 = 64;
 
 /// Renders every camera's view and passes it to all writers. `each` is called before each view, and at the end, with

@@ -67,9 +67,8 @@ impl Table {
         })
     }
 
-    /// Lines of the table. `tidy` changes each cell before padding. `left`, `between`, `right`: text before the first
-    /// cell of a line, between cells, and after the last. `rule` returns the dashes below a column's name; its
-    /// arguments are whether the column is right-aligned, and the column's width, characters.
+    /// Lines of the table. `tidy` changes each cell before padding. `left`, `between`, `right`: text around the cells.
+    /// `rule`: dashes below a column's name, from whether the column is right-aligned, and its width in characters.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,

@@ -59,8 +59,7 @@ pub fn width(text: &str, size: f32) -> usize {
     layout(text, sane(size)).1.ceil() as usize
 }
 
-/// Height of the picture of one line of text, pixels: `size`, rounded up. `size`: line height, pixels, clamped to 1 to
-/// `LARGEST`.
+/// Height of the picture of one line of text, pixels: the line height `size`, rounded up, from 1 to `LARGEST`.
 pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }
@@ -91,10 +90,8 @@ fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
     (width, coverage)
 }
 
-/// Draws one line of text into `picture`. (`x`, `y`): pixel of the top left corner of the rectangle that the text
-/// covers, whatever its direction. `size`: line height, pixels.
-///
-/// Text outside the picture is cut off.
+/// Draws one line of text into `picture`, cut off at its edges. (`x`, `y`): top left pixel of the rectangle that the
+/// text covers, whatever its direction. `size`: line height, pixels.
 pub fn draw(
     picture: &mut Picture,
     text: &str,

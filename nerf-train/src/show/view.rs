@@ -65,10 +65,8 @@ pub fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(OsStr::new("exr")))
 }
 
-/// Writes an output of a frame as PNG, or as EXR if `path` ends in `.exr`.
-///
-/// `range`: colour range of a distance, world units; `None`: chosen for the frame. `transparent`: whether colour has
-/// alpha.
+/// Writes an output of a frame as PNG, or as EXR if `path` ends in `.exr`. `transparent`: whether colour has alpha.
+/// `range`: colour range of a distance, world units; `None`: chosen for the frame.
 pub fn write_still(
     path: &Path,
     frame: &Frame,
@@ -133,10 +131,8 @@ pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> a
     })
 }
 
-/// Writes an OpenEXR file of 32-bit floats.
-///
-/// `channels`: names, such as `R` (linear light, by the format's convention) or `Z`, and `[height * width]` values
-/// each.
+/// Writes an OpenEXR file of 32-bit floats. `channels`: names, such as `R` (linear light, by the format's convention)
+/// or `Z`, and values, `[height * width]`.
 pub fn write_exr(
     path: impl AsRef<Path>,
     width: usize,

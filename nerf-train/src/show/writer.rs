@@ -10,8 +10,7 @@ use std::path::{Path, PathBuf};
 
 pub struct Writer {
     pub output: Output,
-    /// Range of the colours of a distance, world units. `None`: each picture chooses its own, or the output is no
-    /// distance.
+    /// Range of the colours of a distance, world units; `None`: chosen for each picture, or no distance.
     pub range: Option<(f32, f32)>,
     /// Whether colour is written with alpha; videos never have alpha.
     pub transparent: bool,

@@ -26,8 +26,7 @@ pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> a
     Ok(())
 }
 
-/// Memory that a command may use, bytes: 80 % of the free memory of the machine or of the process's control group
-/// (cgroup), whichever is smaller.
+/// Memory that a command may use, bytes: 80 % of what is free in the machine or, if less, in the process's cgroup.
 pub fn limit() -> u64 {
     let read = |file: &str| std::fs::read_to_string(file).ok();
     let number = |file: &str| read(file)?.trim().parse::<u64>().ok();

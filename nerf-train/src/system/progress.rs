@@ -1,7 +1,6 @@
 //! Progress of long work: a bar on a terminal, plain or JSON lines elsewhere, nothing when quiet.
 //!
-//! All output goes to stderr, so that stdout stays free for results. No function here fails: a closed stderr is
-//! ignored.
+//! All output goes to stderr, so that stdout stays free for results. A closed stderr is ignored.
 
 use crate::system::{lock, printable};
 use indicatif::{HumanCount, ProgressBar, ProgressDrawTarget};
@@ -136,8 +135,7 @@ impl Progress {
         self
     }
 
-    /// Shows that `position` steps are done. Cheap enough for every step: the bar is redrawn at most 20 times a second,
-    /// and lines come every five seconds.
+    /// Shows that `position` steps are done. Cheap enough for every step: a bar is redrawn at most 20 times a second.
     pub fn update(&mut self, position: u64, message: &Message) {
         let now = Instant::now();
         match &mut self.display {
@@ -336,8 +334,7 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// Prints lines that belong to no task, in the format of `style`. Names in them must be escaped with
-/// [`printable::line`].
+/// Prints lines that belong to no task, in the format of `style`. Callers escape names with [`printable::line`].
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}

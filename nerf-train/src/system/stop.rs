@@ -25,8 +25,7 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-/// Time limit for the owner of a [`Claim`] to report what it saved and to end the process. It starts when the owner
-/// drops the claim after a signal.
+/// Time limit for the owner of a [`Claim`] to report what it saved and to exit, after it has dropped the claim.
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// Time limit for the task of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
@@ -52,8 +51,7 @@ enum State {
     Answered,
 }
 
-/// Files that the signal thread writes, and message that it prints, if a signal comes while the owner of a [`Claim`] is
-/// busy.
+/// Files that the signal thread writes, and message that it prints, if the owner of a [`Claim`] is busy.
 #[derive(Clone, Debug, Default)]
 pub struct Cover {
     /// Paths and bytes of files that are not on the disk yet.
@@ -78,7 +76,6 @@ fn set(new: State) {
 }
 
 /// Guard that declares unsaved work. Its owner polls [`requested`], saves the work after a signal, and drops the guard.
-///
 /// Only one claim exists at a time: fits do not run in parallel.
 #[derive(Debug)]
 pub struct Claim(());
@@ -120,8 +117,7 @@ struct Words {
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Guard with a message. While the guard exists and no work is claimed, a signal prints this message instead of
-/// "interrupted". Only one guard exists at a time.
+/// Guard with a message that a signal prints instead of "interrupted" if no work is claimed. Only one guard exists.
 #[derive(Debug)]
 pub struct Note(());
 
@@ -183,10 +179,8 @@ fn saved(cover: &Cover) -> String {
     }
 }
 
-/// Handles a signal: waits for claimed work, or saves a cover's work. Then prints the message and exits with status
-/// `128 + signal`.
-///
-/// Holds the lock on the state, so that the owner does not write the same files meanwhile.
+/// Handles a signal: waits for claimed work, or saves a cover's work; then prints the message and exits with status
+/// `128 + signal`. Holds the lock on the state, so that the owner does not write the same files meanwhile.
 fn end(signal: i32, say: fn(&str)) -> ! {
     SIGNAL.store(signal, Ordering::Relaxed);
     let claimed = |state: &mut State| matches!(state, State::Claimed);

@@ -4,8 +4,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Largest time constant `1 / (1 - decay)` of the average, in updates, as a fraction of the updates so far. The average
-/// thereby soon forgets the parameters of the first steps, which describe no scene yet.
+/// Largest time constant of the average, as a fraction of the updates so far: the first steps are soon forgotten.
 const REACH: f64 = 1.0 / 9.0;
 /// Number of parameters that one parallel task averages.
 const PART: usize = 1 << 14;
@@ -21,15 +20,13 @@ pub struct Average {
 }
 
 impl Average {
-    /// Creates an average of `parameters` values, updated every `every` steps. `decay`: factor of the old average per
-    /// step; if 0, no average is kept.
+    /// Creates an average of `parameters` values. `decay`: factor of the old average per step; 0 keeps no average.
     pub fn new(decay: f64, every: u32, parameters: usize) -> Self {
         let values = vec![0.0; if decay > 0.0 { parameters } else { 0 }];
         Self { decay: decay.powi(every as i32), every, updates: 0, values }
     }
 
-    /// Whether this average, read from a checkpoint of step `steps`, fits the run: finite values, the number of updates
-    /// due by then, and the shape of the run's own average `other`.
+    /// Whether this average, from a checkpoint of step `steps`, is finite and fits the run's own average `other`.
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
         let shape = |average: &Self| (average.decay, average.every, average.values.len());
@@ -42,8 +39,7 @@ impl Average {
         self.updates = 0;
     }
 
-    /// Updates the average if `steps`, the number of steps done, is a multiple of the interval. Only then is
-    /// `parameters` called, which returns the present parameters.
+    /// Updates the average if `steps`, the number of steps done, is a multiple of the interval.
     pub fn update<'p>(&mut self, steps: u32, parameters: impl FnOnce() -> Cow<'p, [f32]>) {
         if self.values.is_empty() || !steps.is_multiple_of(self.every) {
             return;

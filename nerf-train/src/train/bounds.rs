@@ -50,21 +50,17 @@ const COARSE_HULL: u16 = 64;
 /// In an unbounded scene without sparse points, space nearer to a camera than this is taken as empty. Unit: radii of
 /// the uncontracted ball.
 const NEAR_RADII: f32 = 0.1;
-/// Distance from the camera at which rays of an unbounded scene without sparse points end, in radii of the uncontracted
-/// ball.
+/// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
-/// Least distance between two cameras, in radii of the uncontracted ball. A cell counts as occupied only if two cameras
-/// at least this far apart see it.
+/// Least distance between two cameras by whose views a cell counts as occupied, in radii of the uncontracted ball.
 const APART_RADII: f32 = 0.05;
-/// Quantile and factor. In an unbounded scene with sparse points, space nearer to a camera than a limit is taken as
-/// empty. The limit is this quantile of the distances from the cameras to the points in their photographs, times the
-/// factor.
+/// Quantile and factor. In an unbounded scene with sparse points, space is taken as empty up to this quantile of the
+/// distances from the cameras to the points in their photographs, times the factor.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
 /// Quantile and factor. If all cameras look nearly the same way, the radius of the uncontracted ball is this quantile
 /// of the distances from the cameras to the points in their photographs, times the factor.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Quantile and factor. Rays of an unbounded scene with sparse points end at this quantile of the distances from the
-/// cameras to the points in their photographs, times the factor.
+/// Quantile and factor of the distances of [`ALL_VIEWS`]: end of the rays of an unbounded scene with sparse points.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.
@@ -101,9 +97,8 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     Ok(Bounds { near, far, scene_box, contraction: None, empty_before: near })
 }
 
-/// Bounds of an unbounded scene. `power`: power of the contraction ([`Contraction::power`]). The uncontracted ball is
-/// centred on the point that the cameras look at. If all cameras look in nearly the same direction, the centre is the
-/// mean of their positions.
+/// Bounds of an unbounded scene. `power`: power of the contraction. The uncontracted ball is centred on the point that
+/// the cameras look at or, if all look in nearly the same direction, on the mean of their positions.
 fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
@@ -135,15 +130,13 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction), empty_before })
 }
 
-/// Visual hull with `resolution` cells along the longest side. `None` if the settings turn the hull off, or if the
-/// photographs do not show what is background.
+/// Visual hull; `None` if the settings turn it off, or if the photographs do not show what is background.
 fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -> Option<Occupancy> {
     let g = &config.occupancy;
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// Returns the bounds found by [`find_box`], and the first occupancy grid. The grid is `None` if the settings turn
-/// occupancy off.
+/// Bounds found by [`find_box`], and the first occupancy grid; `None` if the settings turn occupancy off.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
@@ -151,8 +144,7 @@ pub(crate) fn find_bounds(
 ) -> Result<(Bounds, Option<Occupancy>), TrainError> {
     let bounds = find_box(dataset, config)?;
     let scene_box = bounds.scene_box;
-    // For a learned grid, the hull is carved at half the resolution, in an eighth of the time. Updates from the network
-    // refine it later.
+    // For a learned grid, the hull is carved at half the resolution, in an eighth of the time; updates refine it.
     let resolution = config.occupancy_resolution(scene_box.max - scene_box.min);
     let carved = || match config.network.grid {
         Some(_) => hull(dataset, config, scene_box, resolution.div_ceil(2)).map(|hull| hull.halved()),
@@ -166,8 +158,7 @@ pub(crate) fn find_bounds(
     Ok((bounds, occupancy))
 }
 
-/// First occupancy grid of an unbounded scene. A cell is occupied if two cameras see it and no line of sight proves it
-/// empty.
+/// First occupancy grid of an unbounded scene; see [`Occupancy::seen`].
 fn seen(
     dataset: &Dataset,
     config: &Config,

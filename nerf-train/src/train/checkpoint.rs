@@ -1,7 +1,6 @@
 //! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Runs that write the same output use the same checkpoint file. [`Checkpoint::check_belongs`] refuses a checkpoint of
-//! another run.
+//! Runs with the same output use the same file: [`Checkpoint::check_belongs`] refuses that of another run.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -108,9 +107,7 @@ impl Checkpoint {
         }
     }
 
-    /// Returns an error if the checkpoint is of a run with other data or settings. The error names the first
-    /// difference.
-    ///
+    /// Returns an error that names the first difference if the checkpoint is of a run with other data or settings.
     /// `config`: settings as JSON, from the function `settings`. `data`: name and fingerprint of the data set. Limits
     /// on steps and time are not compared: a run may be continued with other limits.
     pub fn check_belongs(&self, path: &Path, config: &str, data: (&str, u64)) -> anyhow::Result<()> {
@@ -135,9 +132,8 @@ impl Checkpoint {
         }
     }
 
-    /// Checks the counters, averaged parameters and curve, since a valid checksum does not prove that this program
-    /// wrote the file. `average`: averaged parameters of the run that resumes. Returns the name of the first part that
-    /// does not fit; `None` if all fit.
+    /// Name of the first part that does not fit; `None` if all fit. A valid checksum does not prove that this program
+    /// wrote the file. `average`: averaged parameters of the run that resumes.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -159,9 +155,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Settings that must not change when a run is resumed, as JSON (TOML has no u64 for the seed). The number of steps may
-/// change, and is set to 1 here. With a learned grid, the number of samples follows from other settings, and is set to
-/// 1, too.
+/// Settings that must not change when a run is resumed, as JSON (TOML has no u64 for the seed). Values that may differ
+/// are set to 1: the number of steps and, with a learned grid, the number of samples.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();
@@ -171,8 +166,7 @@ pub(crate) fn settings(config: &impl Serialize) -> String {
     tree.to_string()
 }
 
-/// Finds the first field that differs. Returns its path, such as `network.width`, and its values in `now` and `then`;
-/// `None` if all fields are equal.
+/// Path of the first field that differs, such as `network.width`, and its values in `now` and `then`, if any.
 pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {

@@ -7,14 +7,12 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps at the start of a run in which gains are on trial. Afterwards they are kept if they differ enough
-/// between photographs.
+/// Number of first steps in which gains are on trial; then they are kept only if photographs differ enough.
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: in the first [`TRIAL`] steps, and afterwards.
 const RATES: [f32; 2] = [5e-3, 1e-3];
 
-/// Exposure gains of the training photographs, relative to their mean exposure. The field is trained at the mean
-/// exposure, which has gain 1.
+/// Exposure gains of the training photographs, relative to their mean exposure, at which the field is trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gains {
     log: LogGains,
@@ -30,13 +28,11 @@ pub struct Gains {
 pub struct ExposureFound {
     /// Standard deviation, over the photographs, of the natural logarithm of the gain.
     pub spread: f64,
-    /// Whether the gains were measured at key points of a reconstruction. Otherwise they were learned in the run's
-    /// first steps.
+    /// Whether the gains were measured at key points; otherwise they were learned in the run's first steps.
     pub by_tracks: bool,
     /// Whether one gain per photograph is learned in the rest of the run.
     pub fitted: bool,
-    /// Index and log gain of the view whose gain is farthest from the mean. `None` if even this gain differs from the
-    /// mean by less than a factor of 2.
+    /// Index and log gain of the view farthest from the mean; `None` if it differs by less than a factor of 2.
     pub outlier: Option<(u32, f32)>,
 }
 
@@ -67,8 +63,7 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Returns the gains to learn, `None` if all photographs share one exposure. Also returns the exposures measured at
-    /// key points, `None` without key points.
+    /// Returns the gains to learn, `None` with one exposure for all, and the exposures measured at key points, if any.
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,
@@ -103,11 +98,9 @@ impl Gains {
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// Does one Adam step of the log gains, and shifts their mean to 0. `gradients`: for each photograph, the gradient
-    /// of the loss with respect to its log gains.
+    /// Does one Adam step of the log gains. `gradients`: gradients of the loss by the log gains, for each photograph.
     ///
-    /// Returns the finding about exposure after step `TRIAL`; `None` after other steps. If the finding is not `fitted`,
-    /// the caller must discard the gains.
+    /// Returns the finding after step `TRIAL`, else `None`. Unless it is `fitted`, the caller must discard the gains.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

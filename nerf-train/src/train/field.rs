@@ -65,8 +65,7 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Fills the batch with random pixels of the picture, sampled at their centres. If the field has a learned grid,
-    /// the pixels are in row-major order, so that neighbours in the batch read neighbouring table entries.
+    /// Fills the batch with random pixels, in row-major order for a learned grid: neighbours read adjacent entries.
     fn draw(&mut self) {
         let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;

@@ -31,12 +31,10 @@ pub use trainer::{Trainer, candidate};
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
-    /// Number of samples whose density was evaluated. If the field has no learned grid, all of them are also trained
-    /// on.
+    /// Number of samples whose density was evaluated; without a learned grid, all are also trained on.
     pub evaluated: u64,
     pub samples: u64,
-    /// Smoothed number of samples per ray, used to choose the number of rays in a batch. If the field has a learned
-    /// grid, the samples that were trained on are counted; otherwise, all samples in occupied cells.
+    /// Smoothed number of samples per ray: with a learned grid, those trained on; otherwise all in occupied cells.
     live_per_ray: f64,
     /// Smoothed mean squared error of the training rays; NaN before the first step.
     pub mse: f64,

@@ -23,8 +23,7 @@ use std::ops::Range;
 const EVERY: u32 = 500;
 /// Least number of training photographs with which a run masks moving objects.
 const FEWEST_VIEWS: usize = 8;
-/// Limits on the number of patches: along the longer side of a photograph, and in all photographs together. With more
-/// patches, each would get too few rays.
+/// Limits on the number of patches: along a photograph's longer side, and in all. More patches get too few rays.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
@@ -33,10 +32,9 @@ const KNOWN: f32 = 8.0;
 /// Error above which a patch belongs to a region: the larger of two limits. First number: multiple of the median error
 /// of all patches. Second number: root-mean-square error over the channels, for colours of 0 to 1.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// Limits of a masked region. Its mean error is at least the first number. The mean error times the region's fraction
-/// of the photograph is at least the second number. Regions measured in static scenes have means up to 0.116 and
-/// products up to 0.0084. Single-coloured figures in front of these scenes have means of 0.13 to 0.3 and products of at
-/// least 0.015.
+/// Limits of a masked region: its least mean error, and the least product of mean error and fraction of the photograph.
+/// Static scenes have means up to 0.116 and products up to 0.0084. Single-coloured figures in front of them have means
+/// of 0.13 to 0.3 and products of at least 0.015.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
 /// Number of nearest cameras whose photographs a region is compared with.
 const NEIGHBOURS: usize = 2;
@@ -65,8 +63,7 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// Maps patch `patch` of another photograph, `other`, to the patch at the same relative position in this
-    /// photograph.
+    /// Maps a patch of `other`, another photograph, to the patch at the same relative position in this one.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -108,8 +105,7 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// Masks the moved object's pixels in `view`, so that scores leave them out. Does nothing if no pixel would be
-    /// left.
+    /// Masks the moved object's pixels in `view`, so that scores leave them out, unless no pixel would be left.
     pub fn leave_out_of(&self, view: &mut View) {
         let counts: Vec<bool> =
             self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
@@ -221,9 +217,8 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph; `None` if the patch and its neighbours have fewer than `KNOWN` rays. For
-    /// each channel, the mean signed error of the rays in this 3 × 3 neighbourhood is computed, and the median of these
-    /// means over the photograph is subtracted. The patch's error is the root mean square of the three differences.
+    /// Error of each patch of a photograph: root mean square over the channels of the mean signed error in the patch's
+    /// 3 × 3 neighbourhood, minus the photograph's median. `None` with fewer than `KNOWN` rays.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {

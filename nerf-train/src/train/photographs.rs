@@ -12,8 +12,7 @@ use nerf_core::camera::Camera;
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Learned gains, poses and masks of the photographs. Also the findings of a run's first steps about exposures, poses
-/// and withheld photographs.
+/// Learned gains, poses and masks of the photographs, and the findings of a run's first steps about them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Photographs {
     gains: Option<Gains>,
@@ -47,8 +46,7 @@ impl Photographs {
         found
     }
 
-    /// Checks `theirs`, which was read from a checkpoint. Returns the name of the first part that cannot belong to this
-    /// run; `None` if all fit.
+    /// Name of the first part of `theirs`, read from a checkpoint, that cannot belong to this run; `None` if all fit.
     pub(super) fn wrong_part(&self, theirs: &Self, views: &[View], config: &Config) -> Option<&'static str> {
         let gains = theirs.gains.as_ref().is_none_or(|gains| gains.views() == views.len());
         let unbounded = config.sampling.contraction.is_some();
@@ -66,9 +64,8 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Sets gains and loss weights of a batch's rays. If poses are refined, also requests the loss gradients of these
-    /// rays. `share`: used fraction of the budget. Returns the refined cameras for the next rays; `None` if they did
-    /// not move.
+    /// Sets gains and loss weights of a batch's rays. If poses are refined, also requests the rays' loss gradients.
+    /// Returns the refined cameras for the next rays, if they moved. `share`: used fraction of the budget.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,
@@ -127,8 +124,7 @@ impl Photographs {
             withheld.add(batch, step, engine.errors());
             if let Some(found) = withheld.verdict(step, &config.optimiser) {
                 (self.withheld, self.withheld_found) = (None, Some(found));
-                // Exposures measured at key points take precedence: they are more reliable than the contradiction found
-                // here.
+                // Exposures measured at key points take precedence: they are more reliable.
                 let unknown = self.exposure.is_none() && self.gains.is_none();
                 if found.contradict() && unknown && config.capture.exposure == Exposure::Auto {
                     self.gains = Some(Gains::of_contradicting(views));
@@ -166,8 +162,7 @@ impl SmallAdam {
         Self { unbiased: BETAS.map(|beta| 1.0 - beta.powi(steps.min(10_000) as i32)) }
     }
 
-    /// Updates the moments `m1`, `m2` of a parameter with gradient `g`. Returns the value to subtract from the
-    /// parameter.
+    /// Updates the moments `m1`, `m2` for gradient `g`. Returns the value to subtract from the parameter.
     pub fn step(&self, rate: f32, g: f32, m1: &mut f32, m2: &mut f32) -> f32 {
         *m1 = BETAS[0] * *m1 + (1.0 - BETAS[0]) * g;
         *m2 = BETAS[1] * *m2 + (1.0 - BETAS[1]) * g * g;

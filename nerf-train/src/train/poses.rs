@@ -18,13 +18,11 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps at the start of a run in which poses are refined on trial. Afterwards refinement goes on only if the
-/// image moved by at least [`CALLED_FOR`].
+/// Number of first steps with poses refined on trial; it goes on if the image moved by at least [`CALLED_FOR`].
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
-/// Learning rates of the poses, pixels of image motion per move of a camera: at the beginning and at the end of the
-/// run.
+/// Learning rates at the beginning and end of the run, pixels of image motion per move of a camera.
 const RATES: [f32; 2] = [0.3, 0.01];
 /// Width of the blur of the field's gradient with respect to position, in radii of the uncontracted ball. First number:
 /// at the beginning of the run. Second number: from the fraction `SHARP_FROM` of the run on.
@@ -37,12 +35,11 @@ const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
-/// Factor in the lever of [`hold`]. The lever is a length; camera translations are divided by it, so that they weigh as
-/// much as rotations. The lever is this factor times the cameras' mean distance from the scene's centre. The factor was
-/// simulated on the cameras of the scene fox. They had random errors: rotations by half a degree to one degree, and
-/// translations by 1 % of the distance. The common motion that `hold` leaves moves the image by 0.66 pixels with a
-/// factor of 0.5, by 0.74 with 1, and by 0.82 if only rotations count. A lever proportional to the cameras' distance
-/// from their own centre is unstable if cameras are close together.
+/// Factor of the cameras' mean distance from the scene's centre. The product is the lever, by which [`hold`] divides
+/// translations, so that they weigh as much as rotations. Simulated on the cameras of the scene fox, with rotations
+/// wrong by half a degree to one degree and translations by 1 % of the distance: the common motion that `hold` leaves
+/// moves the image by 0.66 pixels with a factor of 0.5, by 0.74 with 1, and by 0.82 if only rotations count. A lever
+/// proportional to the cameras' distance from their own centre is unstable if cameras are close together.
 const LEVER: f32 = 0.5;
 
 /// Motion of a camera in the axes of the world: rotation vector, radians, then translation, world units.
@@ -64,8 +61,7 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median in pixels: of the reprojection errors of the sparse points if `by_tracks`, otherwise of the image motion
-    /// in the first steps.
+    /// Median, pixels: reprojection error of the sparse points if `by_tracks`, else image motion in the first steps.
     pub pixels: f64,
     /// Whether `pixels` is the reprojection error of sparse points.
     pub by_tracks: bool,
@@ -86,8 +82,7 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine, or `None` if the given poses are kept. Also returns the finding about the given
-    /// poses, or `None` if nothing is known yet. `sights`: whether the data set has lines of sight.
+    /// Poses to refine, if any, and finding about the given poses, if known. `sights`: whether lines of sight exist.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -143,16 +138,14 @@ impl Poses {
         cameras(given, &self.moved)
     }
 
-    /// Makes the next step cast its rays from the present cameras. Returns whether the cameras moved since the last
-    /// call.
+    /// Makes the next step cast its rays from the present cameras. Returns whether they moved since the last call.
     pub fn renew(&mut self) -> bool {
         let moved = self.cast != self.moved;
         self.cast.clone_from(&self.moved);
         moved
     }
 
-    /// Request for the gradients of the loss with respect to the rays' origins and directions. `share`: used fraction
-    /// of the budget.
+    /// Request for the loss gradients of the rays' origins and directions. `share`: used fraction of the budget.
     pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
@@ -171,8 +164,7 @@ impl Poses {
         }
     }
 
-    /// Moves the cameras after every `EVERY`th step. Returns the finding about the poses once, after `TRIAL` steps;
-    /// otherwise `None`. `step` counts from 0. `given`: the photographs with their given poses.
+    /// Moves the cameras after every `EVERY`th step, counted from 0. Returns the finding once, after `TRIAL` steps.
     pub fn step(
         &mut self,
         given: &[View],
@@ -313,10 +305,8 @@ fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// Removes the motion common to all cameras, which the photographs cannot determine: rotation about the cameras'
-/// centre, translation, and scaling. The common rotation is a least-squares fit to the cameras' rotations and
-/// translations. Translations are divided by a length, the lever: [`LEVER`] times the cameras' mean distance from the
-/// scene's centre.
+/// Removes the motion common to all cameras, which photographs cannot determine: rotation about the cameras' centre,
+/// translation, and scaling. The common rotation is a least-squares fit to rotations and translations; see [`LEVER`].
 fn hold(moved: &mut [Twist], given: &[View], contraction: &Contraction) {
     let count = moved.len().max(1) as f32;
     let places = || given.iter().map(|view| view.camera.pose().position);

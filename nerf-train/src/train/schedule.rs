@@ -87,8 +87,7 @@ impl Budget {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
     }
 
-    /// Returns an error if the limit in seconds ended the run before `min_steps` steps, or before this command did a
-    /// step.
+    /// Returns an error if the limit in seconds ended the run before `min_steps`, or before a step of this command.
     pub fn check_steps(&self, done: Done, min_steps: u32) -> anyhow::Result<()> {
         let Some(limit) = self.seconds.filter(|_| self.steps.is_none_or(|steps| done.steps < steps)) else {
             return Ok(());
@@ -112,9 +111,8 @@ impl Budget {
         )
     }
 
-    /// Used fraction of the budget after `step` steps and `seconds` seconds, 0 to 1: the fraction of steps or of time,
-    /// whichever is larger. The time excludes the last `reserve` seconds of the limit, kept for the work after the last
-    /// step.
+    /// Used fraction of the budget, 0 to 1: of steps or of time, whichever is larger. The time excludes the last
+    /// `reserve` seconds of the limit, kept for the work after the last step.
     pub fn share(&self, step: u32, seconds: f64, reserve: f64) -> f64 {
         let of_steps = self.steps.map_or(0.0, |steps| f64::from(step) / f64::from(steps));
         let of_time = self.seconds.map_or(0.0, |limit| seconds / (limit - reserve).max(1e-3));

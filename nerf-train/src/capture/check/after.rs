@@ -6,14 +6,11 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// A photograph's PSNR is far below the median of all training photographs if it is lower by more than both limits:
-/// `.0`, dB, and `.1` times the median absolute deviation.
+/// A PSNR is far below the median if it is lower by more than `.0` dB and more than `.1` median absolute deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// The poses of the worst group are reported as doubtful if its mean PSNR is at least this far below that of the best
-/// group, dB.
+/// Poses of the worst group are doubtful if its mean PSNR is at least this far below that of the best group, dB.
 const DIFFERENT_DB: f64 = 3.0;
-/// In data without point tracks, photographs are reported as contradicting each other if the median training PSNR is
-/// below this, dB.
+/// Without point tracks, photographs are reported as contradicting if the median training PSNR is below this, dB.
 const LOW_DB: f64 = 22.0;
 /// Minimum number of training steps before [`LOW_DB`] applies: the PSNR of a shorter fit may still be low.
 const A_WHILE: u32 = 2000;

@@ -14,15 +14,13 @@ use std::collections::BTreeSet;
 
 /// Contradicting photographs are left out of training only if the capture has at least this number of photographs.
 const ENOUGH: usize = 10;
-/// A photograph has a wrong pose if at least `.0` of its key points contradict the pose, and these are more than `.1`
-/// times as many as its key points that agree with the pose.
+/// A pose is wrong if at least `.0` key points contradict it, and more than `.1` times as many as agree with it.
 const MISPLACED: (usize, usize) = (10, 2);
 /// A sector without photographs is reported if it spans at least this, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;
 /// Maximum number of names, or ranges of names, in a list; of further photographs, only the number is given.
 const LISTED: usize = 6;
-/// A bridge is a link between two photographs whose removal would cut off other photographs. A bridge is reported if it
-/// would cut off at least this number of photographs.
+/// A bridge is reported if its removal would cut off at least this number of photographs.
 const HANGING: usize = 3;
 
 /// Reason why the photographs fall into groups: a folded reconstruction (two sides of the scene are superimposed),
@@ -46,7 +44,6 @@ pub(super) struct Found<'v> {
     pub pairs: Vec<Pair>,
     /// Number of photographs that occur in at least one compared pair.
     judged: usize,
-    /// Indices of the photographs whose key points contradict their pose.
     misplaced: Vec<usize>,
     pub groups: Vec<Vec<usize>>,
     reason: Option<Reason>,
@@ -117,8 +114,7 @@ impl<'v> Found<'v> {
         self.groups.iter_mut().for_each(|group| group.retain(|view| !outliers.contains(view)));
     }
 
-    /// Whether the reconstruction superimposes two sides of the scene that look alike; `None` if too few photographs
-    /// can be compared.
+    /// Whether the reconstruction superimposes two similar sides of the scene; `None` if too few pairs can be compared.
     pub fn folded(&self) -> Option<bool> {
         match self.reason {
             Some(Reason::Folded) => Some(true),
@@ -126,8 +122,7 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// Returns the two photographs that contradict each other most, of different groups if possible. `None` if no two
-    /// photographs contradict each other.
+    /// Returns the two photographs that contradict each other most, of different groups if possible; `None` if none do.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());
@@ -332,8 +327,7 @@ impl<'v> Found<'v> {
     }
 }
 
-/// Returns the number of photographs with a verb: `1 photograph is`, `2 photographs are`. `one`, `many`: the verb after
-/// one and after several photographs, here `is` and `are`.
+/// Returns the number of photographs with the verb `one` or `many`: `1 photograph is`, `2 photographs are`.
 pub(super) fn subject(n: usize, one: &str, many: &str) -> String {
     format!("{} {}", count(n, "photograph"), if n == 1 { one } else { many })
 }

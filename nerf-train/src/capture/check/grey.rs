@@ -15,8 +15,7 @@ const NEIGHBOURS: usize = 6;
 const BLURRED: f32 = 0.3;
 /// Side of the thumbnails that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Two thumbnails are duplicates if their mean absolute difference is at most this fraction of the standard deviation
-/// of their grey levels.
+/// Thumbnails are duplicates if their mean absolute difference is at most this fraction of their standard deviation.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {
@@ -113,8 +112,7 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Returns each photograph's sharpness divided by the median sharpness of its [`NEIGHBOURS`] nearest photographs; 1 if
-/// there are none.
+/// Returns each photograph's sharpness divided by the median of its [`NEIGHBOURS`] nearest ones; 1 if there are none.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

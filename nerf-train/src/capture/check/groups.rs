@@ -10,8 +10,7 @@ const UNDECIDED: f32 = 0.35;
 const FEW: usize = 10;
 /// Minimum number of contradicting pairs for which a photograph is left out, or for which two groups stay separate.
 const CERTAIN: usize = 3;
-/// Contradicting photographs form a group of their own only if at least this fraction of all compared pairs of the
-/// capture contradict. Below it, contradicting photographs are outliers.
+/// Contradicting photographs form a group of their own if at least this fraction of all compared pairs contradict.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.
@@ -58,9 +57,8 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Returns the labels of the rejected clusters. A cluster is rejected if it is small ([`FEW`]) and has more
-/// contradicting than agreeing pairs. Clusters are rejected one by one: the one with the largest fraction of
-/// contradicting pairs comes first, and its pairs are ignored from then on.
+/// Returns the labels of the rejected clusters: small ones ([`FEW`]) with more contradicting than agreeing pairs. The
+/// cluster with the largest fraction of contradicting pairs is rejected first, and its pairs are ignored from then on.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -127,13 +125,11 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Returns the final groups and the outliers. The first group stays, and so does each group that is not small
-    /// ([`FEW`]). If the photographs in `contradict` are many ([`TORN`]), they form a last group. Otherwise, they and
-    /// the photographs of small groups are outliers if at least [`CERTAIN`] pairs contradict them, and else join the
-    /// largest group.
-    ///
-    /// `group`: index of each photograph's group, below `groups`; `None` if no pair contains the photograph, which then
-    /// joins the previous photograph's group. `contradict`: photographs of rejected clusters.
+    /// Returns the final groups and the outliers. If the photographs in `contradict` (those of rejected clusters) are
+    /// many ([`TORN`]), they form a last group. Otherwise, they and the photographs of small groups ([`FEW`]) after the
+    /// first are outliers if at least [`CERTAIN`] pairs contradict them, and else join the largest group. `group`:
+    /// index of each photograph's group, below `groups`; `None` if no pair contains it: it joins the previous
+    /// photograph's group.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

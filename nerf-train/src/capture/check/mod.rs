@@ -1,5 +1,4 @@
-//! Checks of a capture before training: viewing directions, sharpness, exposure, shared points, and whether poses are
-//! right.
+//! Checks of a capture before training: viewing directions, sharpness, exposure, shared points and poses.
 //!
 //! Repeated structure can make a reconstruction superimpose two sides of an orbit. The key points do not reveal such a
 //! fold: they agree with the wrong poses. Pixels reveal it: two photographs that see a point from nearly the same place
@@ -47,13 +46,11 @@ pub struct Diagnosis {
     pub duplicates: Vec<[String; 2]>,
     /// Standard deviation, over the photographs, of [`Photograph::exposure`]; `None` if exposure is not measured.
     pub exposure_spread: Option<f64>,
-    /// Number of photographs in each connected component, the largest first. Photographs are connected by shared
-    /// points.
+    /// Number of photographs in each connected component (linked by shared points), the largest first.
     pub pieces: Vec<usize>,
     pub bridges: Vec<[String; 2]>,
     pub views: Vec<Photograph>,
-    /// Names of the photographs of each run. A run is a stretch of photographs, in the order of names, between two
-    /// jumps of the viewing direction.
+    /// Names of the photographs of each run: a stretch in the order of names between jumps of the viewing direction.
     #[serde(skip)]
     runs: Vec<Vec<String>>,
     /// Whether the data have point tracks; `runs` is used only without tracks.

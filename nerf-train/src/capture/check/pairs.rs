@@ -6,15 +6,13 @@ use crate::data::{SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Limits within which two cameras see a point alike: minimum cosine of the angle between their rays (12°), and maximum
-/// ratio of their distances to the point.
+/// Limits for seeing a point alike: minimum cosine of the angle between the rays (12°), maximum ratio of distances.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
 /// Two photographs are compared if their cameras see at least this number of points alike ([`ALIKE`]).
 const ENOUGH_POINTS: usize = 30;
 /// A pair of photographs is used if at least this number of patches were compared.
 const ENOUGH_PATCHES: usize = 15;
-/// Approximate maximum number of tests whether two cameras see a point alike; this number of tests takes seconds. If
-/// more would be needed, only every N-th point of each photograph is tested.
+/// Approximate maximum number of tests for points seen alike; it takes seconds. Beyond it, every N-th point is tested.
 const MAX_QUESTIONS: usize = 400_000_000;
 /// Maximum number of points of each photograph of a pair around which the two photographs' patches are compared.
 const COMPARED_POINTS: usize = 60;
@@ -53,8 +51,7 @@ struct Compared<'v> {
 }
 
 impl Compared<'_> {
-    /// Returns the points of this photograph that are also within the image of `other` and that the two cameras see
-    /// alike ([`ALIKE`]).
+    /// Returns the points of this photograph that `other` also shows and that the two cameras see alike ([`ALIKE`]).
     fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
         let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
         let (width, height) = other.view.size();
@@ -105,7 +102,6 @@ impl Compared<'_> {
 }
 
 /// Compares the pairs of photographs that see enough points from similar positions, at most [`MAX_PAIRS`] pairs.
-///
 /// `greys`, `sights`: one entry per view, in the order of `views`.
 pub(super) fn compare(views: &[&View], greys: &[Grey], sights: &Sights, points: &[SparsePoint]) -> Vec<Pair> {
     let count = views.len();

@@ -10,8 +10,7 @@ const GAP: f32 = 30.0;
 /// Elevation above or below the horizon beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// The viewing direction jumps if it turns from one photograph to the next by at least this multiple of the median
-/// turn, and by at least [`GAP`].
+/// A jump of the viewing direction is a turn by at least [`GAP`] and at least this multiple of the median turn.
 const JUMP: f32 = 5.0;
 /// Minimum number of photographs in a run; only the last run may be shorter.
 const SHORTEST_RUN: usize = 3;
@@ -29,8 +28,7 @@ pub(super) struct Gap {
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
     pub inward: bool,
-    /// Azimuth of each photograph around the cameras' mean up direction, degrees; `None` for a nearly vertical
-    /// direction.
+    /// Azimuth of each photograph around the cameras' mean up direction, degrees; `None` if nearly vertical.
     pub azimuths: Vec<Option<f32>>,
     /// Largest gap, and all further gaps of at least [`GAP`], in descending order.
     pub gaps: Vec<Gap>,

@@ -211,8 +211,7 @@ impl Fit {
         global.finish(&summary)
     }
 
-    /// Checks the options before anything is read. Returns the path of the checkpoint and the folder of the snapshots,
-    /// each `None` if not written.
+    /// Checks the options before any reading. Returns the paths of checkpoint and snapshot folder; `None`: not written.
     fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
         // The picture's size is still unknown. The settings are checked again when it is known.
         self.config([MAX_SIDE; 2])?;

@@ -125,9 +125,8 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// Reads a data set with the intrinsics and the origin of coordinates that the scene `blob` was trained with
-    /// ([`Self::read_given_for`]). Then gives each view its refined pose, if one is stored next to the scene file
-    /// `file`.
+    /// Reads a data set as [`Self::read_given_for`] does. Then gives each view its refined pose, if one is stored next
+    /// to the scene file `file`.
     pub fn read_for(
         &self,
         path: &Path,

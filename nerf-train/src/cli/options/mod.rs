@@ -53,8 +53,7 @@ pub struct ShardOption {
 }
 
 impl ShardOption {
-    /// Returns the part of the work to do: the part that `--shard` names; without `--shard`, the part of the array job,
-    /// which is reported; without an array job, the whole work.
+    /// Returns the part of the work to do: that of `--shard`, else of the array job, which is reported, else all.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -95,9 +94,8 @@ impl Conduct {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Checks the options, adds the checkpoint to `claims`, and checks `claims`: the paths that the command reads and
-    /// writes. Creates the folders of the outputs. Returns the path of the checkpoint; `None` if the output is a
-    /// device.
+    /// Checks the options, and `claims` with the checkpoint added. Creates the folders of the outputs. Returns the path
+    /// of the checkpoint; `None` if the output is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
         // An infinite interval is valid: no checkpoint is written during training.
@@ -129,8 +127,7 @@ impl Conduct {
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Returns the options of a run. `asked`: whether a flag gave `steps`. If not, a run with `--max-seconds` has no
-    /// limit of steps.
+    /// Returns the options of a run. `asked`: whether a flag gave `steps`; if not, `--max-seconds` lifts their limit.
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

@@ -222,8 +222,7 @@ impl Render {
         }
     }
 
-    /// Fails if memory cannot hold a frame with its encoded outputs. For distance outputs of a video, also fails if
-    /// memory cannot hold the coarse frames from which their ranges are computed.
+    /// Fails if memory cannot hold a frame with its outputs, or the coarse frames for a video's distance ranges.
     fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
         let pixels = |camera: &Camera| {
             let size = camera.intrinsics();

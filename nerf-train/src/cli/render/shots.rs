@@ -162,8 +162,7 @@ fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// Returns the width and height of the image, pixels: from the flags, or else from `camera`. With one flag, the other
-/// side keeps the aspect ratio of `camera`.
+/// Returns width and height, pixels: from the flags, or else from `camera`; one flag keeps the aspect ratio.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))

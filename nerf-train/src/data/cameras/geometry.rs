@@ -14,10 +14,8 @@ const FORWARD_FACING: f64 = 0.02;
 /// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;
 
-/// Point nearest to all optical axes, and how well the axes agree on it.
-///
-/// The point minimises the sum of distances to the axes. Squared distances would let a few cameras that look elsewhere
-/// move the point. Reversing the viewing direction of a camera does not change the point.
+/// Point with the least sum of distances to all optical axes, and how well the axes agree on it. Squared distances
+/// would let a few cameras that look elsewhere move the point. Reversing a viewing direction does not change the point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LookAt {
     pub point: [f32; 3],
@@ -42,8 +40,7 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Point nearest to `lines`, each a point and a unit direction. `None` if there are fewer than two lines, or if
-    /// they are nearly parallel.
+    /// Point nearest to `lines`, each a point and a unit direction; `None` if fewer than two, or nearly parallel.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -97,8 +94,7 @@ impl LookAt {
         look_at.point.iter().all(|v| v.is_finite()).then_some(look_at)
     }
 
-    /// Whether the axes pass near [`Self::point`]: their mean distance from it is at most 0.3 of the mean camera
-    /// distance.
+    /// Whether the axes' mean distance from [`Self::point`] is at most 0.3 of the mean camera distance.
     pub fn axes_meet(&self) -> bool {
         self.mean_residual <= 0.3 * self.mean_distance
     }
@@ -121,7 +117,6 @@ impl LookAt {
     }
 }
 
-/// Outer product `a bᵀ`.
 pub(super) fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
@@ -241,8 +236,7 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// Distance at which rays begin: the quantile `in_front` (0 to 1) of the sparse points' `distances`, times `share`.
-/// `None` if there are fewer than [`ENOUGH_POINTS`] distances.
+/// Distance at which rays begin: quantile `in_front` (0 to 1) of `distances`, times `share`; `None` if too few.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

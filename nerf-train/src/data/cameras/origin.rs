@@ -9,9 +9,8 @@ const FAR_AWAY: f64 = 64.0;
 /// Beginning of the suffix with the coordinates of a moved origin in a data set's name.
 pub(crate) const STATED: &str = ", origin at (";
 
-/// New origin, in the file's world. If the cameras are far from the file's origin, the new origin is a point near their
-/// middle; otherwise (0, 0, 0). Coordinates are rounded to multiples of a power of ten: few decimals state them
-/// exactly, and they hardly depend on any single camera.
+/// New origin, in the file's world: a point near the middle of cameras that are far from the file's origin, else (0, 0,
+/// 0). Coordinates are rounded to multiples of a power of ten: few decimals state them exactly.
 pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     let cameras: Vec<DVec3> =
         cameras.into_iter().map(DVec3::from).filter(|camera| camera.is_finite()).collect();

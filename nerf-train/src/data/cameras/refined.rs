@@ -1,5 +1,4 @@
-//! Refined poses next to a `.nerf` blob: `FILE.poses.json`, a transforms.json of the photographs to which the field in
-//! the blob was fitted.
+//! Refined poses next to a `.nerf` blob: `FILE.poses.json`, a transforms.json of the fitted photographs.
 
 use super::optics_by_name;
 use super::pose::pose_of;
@@ -127,7 +126,6 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let blob = folder.path().join("a.nerf");
         assert!(RefinedPoses::beside(&blob).expect("no file").is_none());
-        // Leaves out the last view.
         let refined = RefinedPoses::of(views[..2].iter().map(|view| (view, moved(view))), origin);
         std::fs::write(beside(&blob), refined.to_json()).expect("a file");
         let read = RefinedPoses::beside(&blob).expect("a file").expect("refined poses");

@@ -19,12 +19,10 @@ const LEVEL: (f64, f64) = (0.15, 0.02);
 const ENOUGH_POINTS: usize = 8;
 
 /// Initial viewpoint, chosen from the training cameras; `None` if there is no valid one. `range`: near and far
-/// distance, world units.
-///
-/// If the cameras look at a common point, the viewpoint looks at that point from the camera nearest to a typical
-/// position: median height over the point, median distance from the vertical axis through the point, middle of the
-/// cameras' arc. Otherwise the viewpoint is the camera nearest to the geometric median of all positions, with that
-/// camera's direction.
+/// distance, world units. If the cameras look at a common point, the viewpoint looks at it from the camera nearest to a
+/// typical position: median height over the point, median distance from the vertical axis through it, middle of the
+/// cameras' arc. Otherwise the viewpoint is the camera nearest to the geometric median of all positions, with its
+/// direction.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -68,7 +66,6 @@ fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     if seen.len() >= ENOUGH_POINTS {
         return median(seen) as f32;
     }
-    // The middle of near and far in inverse depth.
     let depth = 2.0 * near * far / (near + far);
     if depth > 0.0 { depth } else { 0.5 * (near + far) }
 }
@@ -95,8 +92,7 @@ impl Place {
     }
 }
 
-/// Start and length, radians, of the shortest arc that covers the fraction [`MOST`] of `azimuths`; `None` if there are
-/// none.
+/// Start and length, radians, of the shortest arc that covers the fraction [`MOST`] of `azimuths`, if there are any.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();

@@ -95,7 +95,6 @@ pub struct Hit {
 }
 
 /// First hit of the ray through the image point `(x, y)`, pixels; a pixel's centre is at `+ 0.5`. `None`: no hit.
-///
 /// Distances differ from the exact values by less than 1e-5 world units.
 pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
     let ray = camera.ray(x, y);
@@ -159,9 +158,7 @@ fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
     [r, g, b, byte(hits as f32 / (SIDE * SIDE) as f32)]
 }
 
-/// Distance from `point` to the nearest surface, world units; negative inside.
-///
-/// Serves as a reference for fitted densities and distances.
+/// Distance from `point` to the nearest surface, world units, negative inside: a reference for fitted fields.
 pub fn signed_distance(point: Vec3) -> f32 {
     let point: DVec3 = point.as_dvec3();
     shapes::SCENE.iter().map(|shape| shape.distance(point)).fold(f64::INFINITY, f64::min) as f32

@@ -223,8 +223,7 @@ pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     light * light * (3.0 - 2.0 * light)
 }
 
-/// Ambient occlusion: a factor from 0.25 (enclosed) to 1 (open) on light from the hemisphere around `normal`. Estimated
-/// from the scene's distance at four points along `normal`.
+/// Ambient occlusion: factor from 0.25 (enclosed) to 1 (open) on light from the hemisphere around `normal`.
 pub(super) fn openness(point: DVec3, normal: DVec3) -> f64 {
     const PROBES: u32 = 4;
     let (mut closed, mut total) = (0.0, 0.0);

@@ -10,7 +10,6 @@ use crate::data::pictures::file::is_picture_name;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Photographs without known poses.
 #[derive(Debug)]
 pub(crate) struct Bare {
     pub(crate) folder: PathBuf,

@@ -16,7 +16,6 @@ pub(crate) fn is_here(folder: &Path) -> bool {
     SPLITS.iter().any(|name| folder.join(name).is_file())
 }
 
-/// Reads a folder of `transforms_{train,val,test}.json`; the training file is required unless a field is evaluated.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();

@@ -58,8 +58,7 @@ impl std::str::FromStr for Layout {
     }
 }
 
-/// Reads a folder in the requested layout or, without a request, in the first layout whose files the folder has. If
-/// several layouts fit and none is requested, adds a note to the data set that names the others.
+/// Reads a folder in the requested layout, else in the first that fits; a note then names the others that fit.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());

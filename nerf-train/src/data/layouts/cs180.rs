@@ -8,9 +8,7 @@ use nerf_core::camera::{Camera, Intrinsics, Lens};
 use rayon::prelude::*;
 
 /// Reads the arrays `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`. The training arrays may be missing
-/// if the data are read to evaluate a trained radiance field ([`ReadOptions::to_measure`]).
-///
-/// `c2ws_test` without `images_test` is read as a camera path to render.
+/// with [`ReadOptions::to_measure`]. `c2ws_test` without `images_test` is read as a camera path to render.
 pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opencv);
     let focal = archive.scalar("focal")?;
@@ -157,10 +155,9 @@ const NOTEBOOK_VALIDATION: usize = 101;
 /// Number of validation views in a file that has the notebook's arrays, but not its 106 views. They are the last views.
 const LAST: usize = 6;
 
-/// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`.
-///
-/// Of the notebook's 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the notebook).
-/// In other files the last six are validation views, or none if no training views would remain.
+/// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`. Of the
+/// notebook's 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the notebook). In
+/// other files the last six are validation views, or none if no training views would remain.
 pub(crate) fn read_tiny_nerf(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let focal = archive.scalar("focal")?;

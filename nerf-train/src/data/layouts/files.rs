@@ -36,9 +36,8 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
 }
 
-/// Existing files of the data set at `path`: lists of views, files named in these lists, and a folder's photographs.
-///
-/// A damaged list is treated as empty; reading the data set reports the damage.
+/// Existing files of the data set at `path`: lists of views, files named in these lists, and a folder's photographs. A
+/// damaged list is treated as empty; reading the data set reports the damage.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();

@@ -13,14 +13,12 @@ const MASKS: &str = "masks";
 /// A photograph's file, and the reduction to be applied to its picture.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor that gives the size to which the picture is reduced: the size that the data set states, divided by the
-    /// factor. `None`: the picture is not reduced.
+    /// Factor by which the picture is reduced from the size that the data set states; `None`: it is not reduced.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs. Key of `by_factor`: factor by which the folder's pictures are smaller than the
-/// originals.
+/// Folders of a data set's photographs. Key of `by_factor`: how many times smaller the folder's pictures are.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
@@ -47,11 +45,9 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// Folders to search for photographs, best first: path, [`Located::downscale`], and whether the folder holds
-    /// reduced copies. `size`: picture size that the data set states, pixels.
-    ///
-    /// Copies that are reduced by the factor of `downscale` come first, then larger copies, from small to large.
-    /// Smaller copies come last for [`Downscale::Auto`], and are otherwise left out.
+    /// Folders to search, best first: path, [`Located::downscale`], and whether it holds reduced copies. `size`: stated
+    /// picture size, pixels. Copies reduced by the factor of `downscale` come first, then larger copies, from small to
+    /// large. Smaller copies come last for [`Downscale::Auto`], and are otherwise left out.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -116,8 +112,7 @@ impl Folders {
     }
 }
 
-/// Path of a copy, `factor` times smaller, of the picture `file_path`; `None` if there is none. For `images/a.jpg` and
-/// 4, the copy is `images_4/a.jpg`, or that path with another extension.
+/// Path of the copy of `file_path` that is `factor` times smaller, if any: `images_4/a.jpg` for `images/a.jpg` and 4.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;
@@ -125,8 +120,7 @@ pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<
     if copy.is_file() { Some(copy) } else { with_other_ending(&copy) }
 }
 
-/// Path of an existing picture that differs from `path` only in its extension. Reduced copies of JPEG photographs are
-/// often PNG.
+/// Existing picture that differs from `path` only in its extension: copies of JPEG photographs are often PNG.
 fn with_other_ending(path: &Path) -> Option<PathBuf> {
     let endings = ["png", "jpg", "jpeg", "JPG", "PNG"];
     endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())
@@ -140,9 +134,8 @@ pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
 /// One view in this many is held out for validation, as is usual in the field.
 pub(crate) const HOLD: usize = 8;
 
-/// Splits views into training and validation views. In the order of the bytes of their names, every eighth view from
-/// index o on is for validation; o is [`ReadOptions::hold_offset`] modulo 8. With at most o + 1 views, all are for
-/// training.
+/// Splits views, in the order of the bytes of their names: every eighth from index o = [`ReadOptions::hold_offset`]
+/// modulo 8 on is for validation. With at most o + 1 views, all are for training.
 pub(crate) fn every_eighth(
     mut views: Vec<View>,
     options: &ReadOptions,

@@ -38,8 +38,7 @@ impl Row {
     }
 }
 
-/// Reads `poses_bounds.npy` of a folder. The photographs in `images` or `images_N`, sorted by the bytes of their names,
-/// correspond one to one to the poses.
+/// Reads `poses_bounds.npy`; its poses correspond one to one to the photographs, sorted by the bytes of their names.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let file = folder.join(FILE);
     let (rows, origin) = rows(&file, options)?;
@@ -113,7 +112,6 @@ fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparseP
     Ok(Vec::new())
 }
 
-/// Name of the folder that contains `pictures`.
 fn folder_of(pictures: &[(String, Located)]) -> Option<String> {
     let folder = pictures.first()?.1.path.parent()?;
     Some(folder.file_name()?.to_string_lossy().into_owned())

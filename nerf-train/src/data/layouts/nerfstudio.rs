@@ -10,8 +10,7 @@ use std::path::Path;
 
 pub(crate) const FILE: &str = "transforms.json";
 
-/// Reads one `transforms.json`. Its lists of file names split the views. Without lists, the views are sorted by path,
-/// and every eighth one is for validation.
+/// Reads a `transforms.json`. Without lists of file names, every eighth view in the order of paths is for validation.
 pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let mut found = Found::default();

@@ -216,8 +216,7 @@ impl Dtype {
         format!("{}{}", self.kind as char, self.size)
     }
 
-    /// Value of the element with the bytes `chunk`, as many as the dtype has. Integers beyond 2^53 are rounded. `None`
-    /// for a kind and size that [`Dtype::parse`] does not accept.
+    /// Value of the element `chunk`; integers beyond 2^53 are rounded. `None` for dtypes that [`Dtype::parse`] rejects.
     fn value(self, chunk: &[u8]) -> Option<f64> {
         let mut bytes = [0u8; 8];
         bytes[..self.size].copy_from_slice(chunk);
@@ -260,8 +259,7 @@ fn read_header(stream: &mut impl Read) -> Result<(Dtype, bool, Vec<usize>), Stri
     parse_header(&text).ok_or_else(|| format!("{:?}", text.trim_end()))
 }
 
-/// Parses numpy's header dictionary: dtype, whether in Fortran order, and shape. Accepts only the form that numpy
-/// writes.
+/// Parses numpy's header dictionary, as numpy writes it: dtype, whether in Fortran order, and shape.
 fn parse_header(text: &str) -> Option<(Dtype, bool, Vec<usize>)> {
     let after = |key: &str| text.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
     let dtype = Dtype::parse(after("descr")?.strip_prefix('\'')?.split_once('\'')?.0)?;

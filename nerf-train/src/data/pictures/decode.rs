@@ -44,10 +44,8 @@ pub(super) fn reader<'s>(source: impl Source + 's) -> ImageReader<Box<dyn Source
     ImageReader::new(Box::new(source))
 }
 
-/// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation.
-///
-/// The format is told from the content, whatever the extension says. A truncated or damaged JPEG is refused: most
-/// decoders fill the rest with grey and say nothing.
+/// Decodes a picture of any bit depth and channel count, as it is stored, with its EXIF orientation. The format is told
+/// from the content. A truncated or damaged JPEG is refused: most decoders fill the rest with grey and say nothing.
 pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     decode_of(file, |_| true)
 }

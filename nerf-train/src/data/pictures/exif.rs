@@ -8,16 +8,13 @@ use std::path::Path;
 
 /// Number of the TIFF tag with the name of the camera's maker.
 const MAKE: u16 = 0x010f;
-/// Number of the TIFF tag with the name of the camera model.
 const MODEL: u16 = 0x0110;
 /// Number of the TIFF tag with the byte offset of the EXIF directory.
 const EXIF_FOLDER: u16 = 0x8769;
 /// Number of the EXIF directory's tag with the focal length, millimetres.
 const FOCAL_LENGTH: u16 = 0x920a;
 
-/// Maker, model and focal length of the camera that took the photograph `file`; empty if there are no such tags.
-///
-/// A phone has several lenses: their focal lengths tell them apart.
+/// Maker, model and focal length (it tells a phone's lenses apart) of the camera that took `file`; empty without tags.
 pub(crate) fn device(file: &Path) -> String {
     let tags = || {
         let reader = reader(BufReader::new(File::open(file).ok()?)).with_guessed_format().ok()?;
@@ -83,7 +80,6 @@ mod tests {
     use super::device_in;
 
     /// EXIF tags with a maker's name of five letters, a model's name of three letters, and a focal length of 63/10 mm.
-    /// `little`: whether the numbers are little-endian.
     fn tags(little: bool) -> Vec<u8> {
         let short = |v: u16| if little { v.to_le_bytes() } else { v.to_be_bytes() };
         let long = |v: u32| if little { v.to_le_bytes() } else { v.to_be_bytes() };

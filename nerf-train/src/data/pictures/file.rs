@@ -71,10 +71,8 @@ impl Decoded {
         (self.image.width(), self.image.height())
     }
 
-    /// Turns the picture as its EXIF tag says if the stored picture does not fit the size `stated`, but the picture
-    /// turned by 90° does. In all other cases the pixels stay as they are stored: COLMAP, nerfstudio and instant-ngp
-    /// ignore the tag, and poses and principal points belong to the stored pixels.
-    ///
+    /// Turns the picture as its EXIF tag says if only the turned picture fits the size `stated`. Otherwise the pixels
+    /// stay as stored: COLMAP, nerfstudio and instant-ngp ignore the tag, and poses belong to the stored pixels.
     /// Returns a note that says whether the picture was turned; `None` if the tag asks for no turn. `says`: name, in
     /// the note, of the file that states the size, such as "the json".
     pub(crate) fn turn_to(&mut self, stated: StatedSize, says: &str) -> Option<String> {
@@ -145,8 +143,7 @@ impl Listings {
     }
 }
 
-/// Names of the files in a folder, with and without their extensions, in lower case. Empty if the folder does not
-/// exist; `None` if the folder cannot be listed.
+/// Lower-case names of a folder's files, with and without extensions; empty without a folder, `None` if unreadable.
 fn names_in(folder: &Path) -> Option<HashSet<String>> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = match std::fs::read_dir(folder) {

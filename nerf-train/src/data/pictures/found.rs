@@ -5,7 +5,6 @@ use crate::data::pictures::photo::Loaded;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Notes and warnings from reading all pictures of a data set.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) warnings: Vec<String>,
@@ -51,9 +50,8 @@ impl Found {
         some
     }
 
-    /// Returns all notes and warnings. Warns if some pictures are transparent and others have no alpha channel.
-    ///
-    /// A picture with an alpha channel of 255 everywhere is not named in this warning: an object may fill the picture.
+    /// Returns all notes and warnings. Warns if some pictures are transparent and others have no alpha channel. A
+    /// picture with an alpha channel of 255 everywhere is not named in this warning: an object may fill the picture.
     pub(crate) fn into_sentences(mut self) -> (Vec<String>, Vec<String>) {
         for ([a, b, c, d], count) in self.scaled {
             self.notes

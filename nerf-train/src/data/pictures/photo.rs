@@ -69,8 +69,7 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics`: returns the intrinsics for a given picture size; the size
-    /// is the stated one, or the file's if none is stated.
+    /// Decodes a photograph and makes its camera. `optics`: intrinsics for a picture size (as stated, else the file's).
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,

@@ -18,10 +18,8 @@ pub struct Photo {
 }
 
 impl Photo {
-    /// Reads a picture of any bit depth and channel count.
-    ///
-    /// The picture is turned upright as its EXIF tag says, composited over `background` (display-encoded) if it is
-    /// transparent, and reduced to `scale` times its width and height. The format is told from the content.
+    /// Reads a picture of any bit depth and channel count, turned upright as its EXIF tag says, composited over
+    /// `background` (display-encoded) if it is transparent, and reduced to `scale` times its width and height.
     pub fn read(file: &Path, background: [f32; 3], scale: f64) -> anyhow::Result<Self> {
         if !(scale > 0.0 && scale <= 1.0) {
             bail!("--scale: expected a number above 0 and at most 1, found {scale}");

@@ -43,8 +43,7 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// Index of the first source pixel that target pixel `index` of `count` overlaps, and the overlapped fraction of each
-/// source pixel from there on. `length`: number of source pixels.
+/// First source pixel that target pixel `index` of `count` overlaps, and the overlapped fraction of each from there on.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;

@@ -64,8 +64,7 @@ struct Attempt {
     fault: Option<Fault>,
 }
 
-/// Finds the poses of photographs and writes `sparse/0` and `images` into a new folder.
-/// On an error, no part of the folder remains.
+/// Finds the poses of photographs and writes `sparse/0` and `images` into a new folder; on an error, nothing remains.
 pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     let few = |found: usize, damaged: &[String]| {
         let skipped = match damaged.len() {
@@ -144,8 +143,7 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads the largest reconstruction that `way` made; `None` if that fails. The photographs are moved next to the
-/// reconstruction while it is read.
+/// Reads the largest reconstruction that `way` made, with the photographs moved next to it; `None` if that fails.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");

@@ -148,8 +148,7 @@ struct Session<'a, 'p> {
 }
 
 impl Session<'_, '_> {
-    /// Used fraction of the budget after `step` steps and `seconds`. The budget excludes the time that the final
-    /// evaluation and the files will take.
+    /// Used fraction of the budget after `step` steps and `seconds`, with time reserved for the end.
     fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.time.reserve(&self.options.budget))
     }
@@ -163,8 +162,7 @@ impl Session<'_, '_> {
         Ok((picture, psnr_db))
     }
 
-    /// Seconds that rendering the whole picture is expected to take: extrapolated from a rendering of an eighth of its
-    /// width and height.
+    /// Expected seconds of rendering the whole picture, extrapolated from an eighth of its width and height.
     fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();

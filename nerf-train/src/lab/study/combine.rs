@@ -9,17 +9,14 @@ use crate::measure::point::Settings;
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
-    /// One row per value of the knob: all settings, and their price. The price is PSNR lost against the base, dB, and
-    /// the number of multiply-adds divided by the base's number.
+    /// One row per value: settings and price, which is PSNR lost against the base, dB, and multiply-adds / base's.
     pub rows: Vec<(Settings, Price)>,
 }
 
-/// Combinations of two or more knobs that are predicted to lie on the Pareto front, most expensive first; at most
-/// `most`.
+/// At most `most` combinations of two or more knobs, predicted to lie on the Pareto front, most expensive first.
 ///
-/// The prediction adds losses of PSNR and multiplies costs: a rough rule, but the chosen combinations are then
-/// measured. `limit_db`: largest predicted loss against the base. Cost is multiply-adds, not time: the choice is the
-/// same on every machine.
+/// The prediction adds losses of PSNR and multiplies costs, which is a rough rule. `limit_db`: largest predicted loss
+/// against the base. Cost is multiply-adds, not time: the choice is the same on every machine.
 pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: usize) -> Vec<Settings> {
     let start = (base, Price { loss_db: 0.0, cost: 1.0 });
     let mut all = vec![start];
@@ -58,8 +55,7 @@ fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
 mod tests {
     use super::*;
 
-    /// Choices of the knob called `name`. `set`: writes a value of the knob into settings. `rows`: value, loss of PSNR
-    /// in dB, cost.
+    /// Choices of a knob. `set`: writes its value into settings. `rows`: value, loss of PSNR in dB, cost.
     fn choices(name: &str, set: fn(&mut Settings, f32), rows: &[(f32, f64, f64)]) -> Choices {
         let knob = KNOBS.iter().position(|knob| knob.name == name).expect("a knob");
         let row = |&(value, loss_db, cost): &(f32, f64, f64)| {

@@ -8,8 +8,7 @@ use nerf_core::{Isa, Kernel, Storage};
 /// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
-    /// Whether each point of a blob's Pareto front stores this setting. If not, all points have the value of the base
-    /// settings.
+    /// Whether points of a blob's Pareto front store this setting; if not, they have the value of the base settings.
     pub in_blob: bool,
     /// Whether values of this knob are also tried in combination with values of other knobs.
     pub combines: bool,
@@ -20,8 +19,7 @@ pub struct Knob {
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Numbers of samples per ray to try if rays are not marched, as fractions of the number in training. Without marching,
-/// a ray has one sample in each of equal bins between near and far.
+/// Numbers of samples per ray to try if rays are not marched, as fractions of the number in training.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
 /// March steps to try if rays are marched, in hundredths of the step in training.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
@@ -138,8 +136,7 @@ pub const KNOBS: &[Knob] = &[
         copy: |from, to| to.kernel = from.kernel,
         read: |_, s| s.kernel.to_string(),
         values: |_, base| {
-            // Kernels that read the blob's bytes render as f32 kernels do. Only the portable one, the oracle, is
-            // measured.
+            // Kernels that read the blob's bytes render as f32 kernels do: only the portable one, the oracle, is used.
             let differs = |it: &Kernel| {
                 *it == Kernel::IN_PLACE || it.isa != Isa::Portable && it.storage != Storage::F16
             };

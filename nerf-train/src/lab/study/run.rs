@@ -33,8 +33,7 @@ pub const BLOB_LOSS_DB: f64 = 3.0;
 /// Points of a blob's Pareto front that lose at most this PSNR against the exact rendering, dB, do not march in longer
 /// steps than training did. The loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Largest number of combinations that is chosen from all knobs. Up to as many more are chosen from only the knobs that
-/// a blob's Pareto front stores.
+/// Largest number of combinations chosen from all knobs, and again from the knobs that a blob's front stores.
 const COMBINATIONS: usize = 12;
 /// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;
@@ -69,8 +68,7 @@ pub struct Study<'a, 'b> {
     pub points: Vec<Point>,
     pub exact: Vec<Frame>,
     pub rounds_left_out: usize,
-    /// Largest difference between the exact rendering and the portable kernel, in a square in the middle of the first
-    /// view. Unit: display-encoded colour channels in [0, 1].
+    /// Largest difference of display-encoded channels, in [0, 1], between exact rendering and portable kernel.
     pub oracle_max: f64,
     truth: Vec<Vec<[f32; 3]>>,
     passes: usize,
@@ -165,8 +163,7 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// For each knob that is tried in combinations, its values with their prices relative to the base settings. Values
-    /// with which rendering is slow ([`Settings::is_slow`]) are left out, unless all views are timing views. `in_blob`:
+    /// Values of each knob that is tried in combinations, with their prices relative to the base settings. `in_blob`:
     /// whether to take only knobs that a blob stores.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
@@ -203,9 +200,8 @@ impl<'a, 'b> Study<'a, 'b> {
         self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
-    /// Whether a pass renders `point` on the view of index `view`. On timing views, a pass renders all points. On other
-    /// views, it leaves out slow points; the exact rendering is left out only if the view already has one. With
-    /// `only_timing`, the pass renders nothing on other views.
+    /// Whether a pass renders `point` on the view of index `view`. Only timing views get slow points or, with
+    /// `only_timing`, any points. The exact rendering counts as slow only if the view already has one.
     fn wanted(&self, point: &Point, view: usize, only_timing: bool) -> bool {
         let timed = self.timing.contains(&view);
         let first = point.views[view].is_none();
@@ -332,8 +328,7 @@ impl<'a, 'b> Study<'a, 'b> {
         front.into_iter().map(point).collect()
     }
 
-    /// Index of the fastest point among those that `keep` accepts and whose PSNR is at most `loss_db` dB below that of
-    /// the exact rendering; `None` if there is none.
+    /// Index of the fastest point that `keep` accepts and that loses at most `loss_db` dB against the exact rendering.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

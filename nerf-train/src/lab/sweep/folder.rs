@@ -11,13 +11,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 
-/// File in the folder with the data and settings that all runs share.
 const FILE: &str = "sweep.json";
 
-/// Folder of a sweep.
-///
-/// Each run is one small file and is never repeated, whichever process made it. Runs can be spread over machines
-/// ([`Shard`](crate::lab::Shard)) into one folder, or into several that are merged.
+/// Folder of a sweep; several processes may add runs ([`Shard`](crate::lab::Shard)), and folders can be merged.
 #[derive(Clone, Debug)]
 pub struct Folder {
     pub path: PathBuf,
@@ -25,8 +21,7 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Resumes the sweep in `path`, or begins one there.
-    /// Fails without any change if the folder holds a sweep with other settings.
+    /// Resumes the sweep in `path`, or begins one there; fails if the folder holds a sweep with other settings.
     pub fn open(path: &Path, header: Header) -> anyhow::Result<Self> {
         let file = path.join(FILE);
         if !file.exists() {

@@ -32,8 +32,7 @@ pub enum Job<'a> {
     Scene {
         dataset: &'a Dataset,
         base: Box<Config>,
-        /// Time limit, seconds, of each run whose point does not set [`Knob::Seconds`]. A run with a time limit has no
-        /// limit of steps. `None`: runs end after the configured number of steps.
+        /// Time limit, seconds, in place of a limit of steps, of each run whose point does not set [`Knob::Seconds`].
         seconds: Option<f64>,
     },
 }
@@ -94,10 +93,8 @@ impl Job<'_> {
         }
     }
 
-    /// Runs one point to its end; an interrupted run leaves no record.
-    ///
-    /// A run that diverges because of its settings has a record, too, but no picture. Otherwise the returned picture is
-    /// the fitted photograph, or the rendered first validation view.
+    /// Runs one point to its end; an interrupted run leaves no record. The picture is the fitted photograph, or the
+    /// rendered first validation view. A run that diverges has a record without a picture.
     pub fn run(&self, point: &Point, runner: &Runner<'_>) -> anyhow::Result<Run> {
         let clock = Clock::start();
         let (blank, ran) = match self {
@@ -129,8 +126,7 @@ impl Job<'_> {
     }
 }
 
-/// Values of the knobs in the base settings: those of the learned grid if there is one, otherwise levels, layers and
-/// width of a sinusoidal network. `rate`: learning rate.
+/// Values of the knobs in the base settings, among them the learning rate `rate`.
 fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
     let point = match grid {
         Some(grid) => Point::of(&[
@@ -191,7 +187,6 @@ fn set<T: TryFrom<u64>>(to: &mut T, value: Option<f64>) {
     }
 }
 
-/// Record of a run that has no results yet.
 fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Record {
     Record {
         point: *point,
@@ -209,8 +204,7 @@ fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Rec
     }
 }
 
-/// Status of a run, and the reason if the run is flat: its PSNR is no higher than `flat_psnr_db`, the PSNR of a single
-/// colour, dB.
+/// Status of a run, and the reason if it is flat: PSNR at most `flat_psnr_db`, the PSNR of a single colour, dB.
 fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
     match flat {
         true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),

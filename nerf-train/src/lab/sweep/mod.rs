@@ -44,8 +44,7 @@ pub enum Status {
     Ok,
     /// A number overflowed, or every density became 0.
     Diverged,
-    /// The run ended, but scores no better than one flat colour: the learning rate is too high, or the steps are too
-    /// few.
+    /// Score no better than that of one flat colour: the learning rate is too high, or the steps are too few.
     Flat,
 }
 

@@ -6,8 +6,7 @@ use nerf_core::encoding::{DirectionEncoding, encode_block, encode_harmonics_bloc
 use nerf_core::math::MathBackend;
 use nerf_core::network::{Architecture, Layer, Role};
 
-/// Largest number of rays per view in the mean of the encoded direction. More are not needed, as neighbouring rays have
-/// similar directions.
+/// Largest number of rays per view in the mean of the encoded direction: neighbouring rays have similar directions.
 const RAYS: usize = 4096;
 /// Number of directions that are encoded at once.
 const BLOCK: usize = 64;
@@ -81,9 +80,8 @@ pub fn without_direction(
     Some((folded, result))
 }
 
-/// Network without view dependence, by [`without_direction`] with the mean of PE(d) over the rays of `views`.
-///
-/// `None` if colour does not depend on the direction, or if `views` is empty.
+/// Network without view dependence, by [`without_direction`] with the mean of PE(d) over the rays of `views`. `None` if
+/// colour does not depend on the direction, or if `views` is empty.
 pub fn flattened(
     architecture: &Architecture,
     parameters: &[f32],
@@ -93,8 +91,7 @@ pub fn flattened(
     without_direction(architecture, parameters, &mean)
 }
 
-/// Whether the layer's input contains the encoded direction PE(d): the first colour layer of a network with view
-/// dependence.
+/// Whether the layer's input contains PE(d): the first colour layer of a network with view dependence.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
 }

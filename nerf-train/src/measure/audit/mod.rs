@@ -126,11 +126,9 @@ pub struct AuditOptions {
     pub clock: Clock,
 }
 
-/// Renders `views` with all effects and without each effect. To leave out view dependence, the encoded direction is
-/// replaced by its mean over the rays of the views in `rays`.
-///
-/// The renderings of a view with and without the effects directly follow each other. `each` is called with the number
-/// of frames rendered and the number of all frames.
+/// Renders `views` with all effects and without each effect, one rendering of a view directly after the other. `rays`:
+/// views over whose rays the encoded direction is averaged, to leave out view dependence. `each` is called with the
+/// number of frames rendered and the number of all frames.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],

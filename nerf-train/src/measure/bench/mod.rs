@@ -262,10 +262,8 @@ pub struct Bench<'l, 'b> {
 }
 
 impl Bench<'_, '_> {
-    /// Renders the view of `camera` with `settings` over `background`, and measures time and memory.
-    ///
-    /// If `settings` reduce the frame's size, the frame is enlarged to `camera`'s size. The time includes rendering, on
-    /// rayon's threads, and enlarging.
+    /// Renders the view of `camera` with `settings` over `background`, and measures memory and time. A frame of reduced
+    /// size is enlarged to `camera`'s size; the time includes this.
     pub fn render(
         &self,
         settings: &Settings,
@@ -308,9 +306,7 @@ pub fn written(body: &Body<'_>) -> Result<Vec<u8>, BlobError> {
     Ok(bytes)
 }
 
-/// CPU seconds used by this process's running threads, all cores together; NaN if the system does not report them.
-///
-/// Linux reports nanoseconds in `/proc/self/task/*/schedstat`.
+/// CPU seconds of this process's running threads, all cores together, from `/proc` on Linux; elsewhere NaN.
 fn cpu_seconds() -> f64 {
     let seconds = || -> Option<f64> {
         let mut nanoseconds = 0u64;

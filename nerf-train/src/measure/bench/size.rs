@@ -15,9 +15,8 @@ pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     cameras::scaled(camera, (side(i.width), side(i.height))).context("camera")
 }
 
-/// Enlarges a frame to the size of `camera`'s picture: bilinear between pixel centres, clamped at the edges.
-///
-/// Median distances and normals are left out: interpolation across an edge is meaningless.
+/// Enlarges a frame to the size of `camera`'s picture: bilinear between pixel centres, clamped at the edges. Median
+/// distances and normals are left out: interpolation across an edge is meaningless.
 pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     let i = camera.intrinsics();
     let (width, height) = (i.width as usize, i.height as usize);
@@ -42,8 +41,7 @@ pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     }
 }
 
-/// For each of the `large` pixels along a side: indices of the two nearest of the `small` pixels, and the second's
-/// weight.
+/// Indices of the two nearest of `small` pixels, and the second's weight, for each of `large` pixels along a side.
 fn taps(small: usize, large: usize) -> Vec<(usize, usize, f32)> {
     let last = small.saturating_sub(1);
     let tap = |i: usize| {

@@ -85,8 +85,7 @@ pub struct Request<'a> {
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Views over whose rays the encoded direction is averaged: training views, if there are any. If view dependence is
-    /// left out, this mean replaces the encoded direction.
+    /// Views over whose rays the encoded direction is averaged to leave out view dependence: training views, if any.
     pub rays: Vec<View>,
 }
 
@@ -94,8 +93,7 @@ pub enum Occupancy {
     /// The grid that the network was trained with.
     Given {
         cells: LiveCells,
-        /// Whether the user says that the grid is not part of the model. If so, the scene can be rendered without the
-        /// grid, even if PSNR depends on the grid.
+        /// Whether the user says that the grid is not part of the model: it is then never required for rendering.
         optional: bool,
     },
     Build,
@@ -282,10 +280,9 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// Measures by how much view dependence raises PSNR, dB, compared with the mean of the encoded direction. Removes
-    /// view dependence if the gain is too small.
-    ///
-    /// Returns `None` without measuring if colour does not depend on the direction, or if [`Check::is_suspicious`].
+    /// Measures the PSNR gained by view dependence, dB, over the mean of the encoded direction. Removes view dependence
+    /// if the gain is too small. `None` without measuring if colour ignores the direction, or if
+    /// [`Check::is_suspicious`].
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());

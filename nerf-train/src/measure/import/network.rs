@@ -60,8 +60,7 @@ struct Linear<'t> {
 }
 
 impl<'t> Reader<'t> {
-    /// Reads the whole network. Returns its architecture, whether it has a feature layer, and the names of unused
-    /// tensors.
+    /// Reads the whole network. Returns its architecture, whether it has a feature layer, and unused tensors' names.
     fn architecture(&mut self) -> anyhow::Result<(Architecture, bool, Vec<String>)> {
         let (position, trunk) = self.trunk()?;
         let width = trunk.last().map_or(0, |layer| usize::from(layer.width));
@@ -155,8 +154,7 @@ impl<'t> Reader<'t> {
         Ok((direction, colour))
     }
 
-    /// Reads the output layer of a network without view directions: rows r, g, b, sigma, and an optional fifth row,
-    /// which is ignored.
+    /// Reads the output layer of a network without view directions: rows r, g, b, sigma; a fifth row is ignored.
     fn output(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
@@ -165,8 +163,7 @@ impl<'t> Reader<'t> {
         Ok((None, heapless::Vec::new()))
     }
 
-    /// Number of layers whose names are the text `layers` with `.0`, `.1`, …: the largest index plus one. An error if
-    /// there are more than `most`.
+    /// Number of layers named `layers` with `.0`, `.1`, …: the largest index plus one. More than `most` are an error.
     fn count(&self, layers: &'static str, most: usize) -> anyhow::Result<usize> {
         let index = |name: &String| -> Option<usize> {
             name.strip_prefix(layers)?.strip_prefix('.')?.split('.').next()?.parse().ok()

@@ -119,8 +119,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Checks that every setting is within its limits. The limits of the scene file's format are checked when the file
-    /// is written.
+    /// Checks that every setting is within its limits, except for those of the file format, checked on writing.
     pub fn check(&self) -> Result<(), ConfigError> {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
         let sound = near >= 0.0 && near < far && far.is_finite();

@@ -14,8 +14,7 @@ use std::path::{Path, PathBuf};
 /// Beginnings of layer names. In a tensor's name, the text before the layer's name is the network's prefix.
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
-/// Largest number of tensors of a network; more are an error. The limit allows a few more than the largest network has,
-/// so that a later error can name a surplus tensor.
+/// Largest number of tensors of a network: a few more than any network has, so that an error can name a surplus one.
 const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 /// Largest size of an unpacked array, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;

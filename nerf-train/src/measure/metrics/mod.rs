@@ -13,9 +13,8 @@ const C1: f64 = 0.01 * 0.01;
 /// (K2 L)² with K2 = 0.03 and L = 1: keeps the structure term of SSIM finite where the picture is flat.
 const C2: f64 = 0.03 * 0.03;
 
-/// Mean squared error over all pixels and channels of `a` and `b`, each `[n]`.
-///
-/// NaN if the lengths differ, if there is nothing to compare, or if an input is NaN.
+/// Mean squared error over all pixels and channels of `a` and `b`, each `[n]`. NaN if the lengths differ, if there is
+/// nothing to compare, or if an input is NaN.
 pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     if a.len() != b.len() || a.is_empty() {
         return f64::NAN;
@@ -60,10 +59,8 @@ pub fn gain_db(psnr_db: f64, over: f64) -> f64 {
     if psnr_db == over { 0.0 } else { psnr_db - over }
 }
 
-/// PSNR of a flat picture in the mean colour of `rgb`, against `rgb`, dB; +inf if all pixels of `rgb` have the same
-/// colour.
-///
-/// A network that has learned nothing scores no better.
+/// PSNR of a flat picture in the mean colour of `rgb`, against `rgb`, dB; +inf if all pixels have the same colour. A
+/// network that has learned nothing scores no better.
 pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
     let mean: [f32; 3] = std::array::from_fn(|c| {
         let sum: f64 = rgb.iter().map(|pixel| f64::from(pixel[c])).sum();
@@ -74,9 +71,8 @@ pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
 
 /// Whether no view scores better than one flat colour. `psnr_and_flat_db`: PSNR and [`flat_psnr_db`] of every view.
 ///
-/// The best flat colour of a view is its mean colour. A single view that scores better than this proves that the
-/// network has learned something. Views that are one flat colour (+inf) prove nothing and are ignored; without other
-/// views the result is false.
+/// A single view that scores better than its mean colour proves that the network has learned something. Views that are
+/// one flat colour (+inf) prove nothing and are ignored; without other views the result is false.
 pub fn is_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> bool {
     let mut telling = psnr_and_flat_db.into_iter().filter(|(_, flat)| flat.is_finite()).peekable();
     telling.peek().is_some() && !telling.any(|(psnr, flat)| psnr > flat)

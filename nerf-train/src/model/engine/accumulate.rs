@@ -5,8 +5,7 @@ use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
-/// Largest number of outputs of a layer whose weight gradient is computed by dot products. With more outputs a matrix
-/// product is faster, although it needs a transposition.
+/// Largest number of a layer's outputs for which dot products give its gradient faster than a matrix product.
 const FEW_OUTPUTS: usize = 4;
 const ROWS: usize = 32;
 
@@ -15,11 +14,9 @@ const ROWS: usize = 32;
 pub(super) struct LayerSum {
     /// Whether anything was added since [`LayerSum::clear`]; if not, the values are stale.
     touched: bool,
-    /// Gradient with respect to the weights of the main inputs, `[outputs][padded main]`. Main inputs are the outputs
-    /// of the layer before or, in the first layer, the encoded position.
+    /// Gradient with respect to the weights of the main inputs, `[outputs][padded main]`.
     main: Vec<f32>,
-    /// Gradient with respect to the weights of the extra inputs, `[outputs][padded extra]`. Extra inputs are the
-    /// encoded position (skip connection) or the encoded direction.
+    /// Gradient with respect to the weights of the extra inputs, `[outputs][padded extra]`.
     extra: Vec<f32>,
     bias: Vec<f32>,
 }
@@ -30,8 +27,7 @@ impl LayerSum {
         self.touched = false;
     }
 
-    /// Adds a chunk's gradient with respect to weights and biases: `dy` times the transposed inputs `[main, extra, 1]`.
-    /// `dy`: gradient with respect to the layer's outputs.
+    /// Adds a chunk's gradient: `dy`, the gradient with respect to the outputs, times `[main, extra, 1]` transposed.
     pub(super) fn add(
         &mut self,
         isa: Isa,

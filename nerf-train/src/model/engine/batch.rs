@@ -4,8 +4,7 @@ use glam::Vec3;
 use nerf_core::space::Contraction;
 use std::ops::Range;
 
-/// Number of samples at which a chunk is full: it gets no further ray. The activations of this many samples fit the
-/// caches.
+/// Number of samples at which a chunk gets no further ray. Their activations fit the caches.
 pub(super) const SAMPLES: usize = 512;
 /// Number of rays at which a chunk is full, even if it has few samples: rays without samples cost time, too.
 const RAYS: usize = 2048;
@@ -45,8 +44,7 @@ impl Surface {
 pub struct RayQuestion {
     /// Contraction of the world into the space of [`Batch::positions`].
     pub contraction: Contraction,
-    /// Standard deviation, in contracted space, of the Gaussian that smooths the field's gradient with respect to
-    /// position. Gradients of finer levels of the grid are reduced more than those of coarser ones.
+    /// Standard deviation, in contracted space, of the Gaussian that smooths the gradient with respect to position.
     pub blur: f32,
 }
 
@@ -70,19 +68,16 @@ pub struct Batch {
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// Factor on the gradients of the loss with respect to each sample's raw density and features; less than 1 near the
-    /// cameras. Empty if all factors are 1. With a grid only.
+    /// Factor on each sample's gradients, less than 1 near the cameras; empty if all factors are 1. With a grid only.
     pub gradient_scales: Vec<f32>,
     /// Points in empty cells, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
     /// Weight of the loss term that pushes the density at the `empty` points to 0.
     pub empty_weight: f32,
-    /// Seed and step for the random numbers of Russian roulette: of the samples of small compositing weight, a random
-    /// choice is trained. Fog consists of samples of small weight. `None`: no sample of small weight is trained. With a
-    /// grid only.
+    /// Seed and step of Russian roulette, which trains a random choice of the samples of small compositing weight, such
+    /// as fog. `None`: no sample of small weight is trained. With a grid only.
     pub roulette: Option<(u64, u64)>,
-    /// Known surfaces of the first rays of the batch, one per ray; later rays have none. May be empty. With a grid
-    /// only.
+    /// Known surfaces of the batch's first rays, one per ray; later rays have none. With a grid only.
     pub surfaces: Vec<Surface>,
     /// Positions along their rays of all samples on rays with a known surface: 0 to 1, as [`Surface::at`].
     pub along: Vec<f32>,
@@ -92,11 +87,9 @@ pub struct Batch {
     pub pixels: Vec<u32>,
     /// Origin of each ray, world units.
     pub origins: Vec<[f32; 3]>,
-    /// Request for gradients with respect to the rays. In these gradients, the distances between samples, on which the
-    /// distortion loss depends, are constants.
+    /// Request for gradients with respect to the rays, in which the distances between samples are constants.
     pub question: Option<RayQuestion>,
-    /// Gain of each ray's photograph, in red, green and blue. The rendered colour is multiplied by this gain before the
-    /// background is added. Empty: all gains are 1.
+    /// Gain of each ray's photograph: factors on red, green, blue before the background is added. Empty: all are 1.
     pub gains: Vec<[f32; 3]>,
     /// Weight of each ray's squared error in the loss; empty for weights of 1.
     pub weights: Vec<f32>,

@@ -19,8 +19,7 @@ const ACCUMULATORS: usize = 16;
 
 /// Trains a network with sinusoidal encodings by explicit forward and backward passes.
 ///
-/// Memory: five times the parameters. In addition, each accumulator holds one gradient and the activations of one chunk
-/// (about 512 samples, or one longer ray). The 8×256 network takes some 150 MiB, whatever the batch.
+/// Memory: five times the parameters, and a gradient and a chunk's activations per accumulator.
 pub struct FusedEngine {
     graph: Graph,
     isa: Isa,
@@ -55,8 +54,7 @@ impl FusedEngine {
         &self.graph.model
     }
 
-    /// Returns the loss of a batch that [`Batch::check`] accepted. Writes the gradient with respect to the parameters
-    /// to the optimiser.
+    /// Returns the loss of a batch that [`Batch::check`] accepted; writes the gradient to the optimiser.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         let Self { graph, isa, optimiser, parameters, chunks, passes } = self;
         cut(batch, SAMPLES, chunks);

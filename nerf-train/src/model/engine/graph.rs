@@ -14,8 +14,7 @@ pub(super) const POSITION: usize = 0;
 pub(super) const DIRECTION: usize = 1;
 pub(super) const FIRST: usize = 2;
 
-/// Padding unit, in values. The number of lanes computed in a block and the length of matrix rows are rounded up to a
-/// multiple of this number, which is a whole number of vectors in every instruction set.
+/// Padding unit, in values, of block lanes and matrix rows: a whole number of vectors in every instruction set.
 pub(super) const VECTOR: usize = 16;
 
 pub(super) fn padded(length: usize) -> usize {
@@ -64,8 +63,7 @@ impl Graph {
     }
 }
 
-/// Returns, for each block of [`BLOCK`] samples, its index and the number of its lanes to compute, a multiple of
-/// [`VECTOR`].
+/// Returns the index of each block of [`BLOCK`] samples, and how many lanes to compute, a multiple of [`VECTOR`].
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))
@@ -107,9 +105,8 @@ impl Node {
         }
     }
 
-    /// Computes the gradient of the loss with respect to the layer's main inputs: `dx = W_mainᵀ dy`,
-    /// `[blocks][main][BLOCK]`. If `accumulate`, adds it to the old `dx`. `dy`: gradient with respect to the layer's
-    /// outputs.
+    /// Computes the gradient with respect to the main inputs, `dx = W_mainᵀ dy`, `[blocks][main][BLOCK]`, added to the
+    /// old `dx` if `accumulate`. `dy`: gradient with respect to the layer's outputs.
     pub(super) fn backward(
         &self,
         isa: Isa,
@@ -146,9 +143,8 @@ pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usi
     }
 }
 
-/// Encodes up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`; lanes without a point encode the origin.
-///
-/// Only the first `encoding.inputs` coordinates of each point are used.
+/// Encodes the first `encoding.inputs` coordinates of up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`. Lanes
+/// without a point encode the origin.
 pub(super) fn encode_points<'a>(
     isa: Isa,
     encoding: &SinusoidalEncoding,

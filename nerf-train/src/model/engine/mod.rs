@@ -2,10 +2,9 @@
 //!
 //! `Batch` → encode → network → volume rendering → loss → gradients → Adam → parameters
 //!
-//! [`ReferenceEngine`] and, for grids, [`GridReferenceEngine`] differentiate by dfdx's tape. They are slow but simple,
-//! and serve as oracles (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] have explicit backward passes on
-//! `nerf_core::matrix::gemm`. [`FusedEngine`] takes parameters, gradients and Adam from dfdx. All engines use the same
-//! [`Batch`] and minimise
+//! [`ReferenceEngine`] and, for grids, [`GridReferenceEngine`] differentiate by dfdx's tape: slow, but simple oracles
+//! (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] have explicit backward passes on
+//! `nerf_core::matrix::gemm`. All engines minimise
 //!
 //! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty points of ln(1 + sigma)`
 //!
@@ -15,8 +14,7 @@
 //!
 //! # One step, by the tape
 //!
-//! A complete step in dfdx: rays, positional encoding, network, volume rendering, loss, Adam. The engines add what a
-//! scene needs: views, directions, empty space that is skipped, and checkpoints.
+//! A complete step in dfdx. The engines add views, directions, empty space that is skipped, and checkpoints.
 //!
 //! ```
 //! use dfdx::optim::{Adam, AdamConfig};
@@ -100,12 +98,10 @@ use nerf_core::space::SceneBox;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Largest sigma of a sinusoidal network in training, per world unit: opaque in a scene of any scale, and small enough
-/// not to overflow.
+/// Largest sigma of a sinusoidal network in training, per world unit: opaque at any scale, and without overflow.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
-/// Limit of the absolute value of a gradient. Training counts as diverged if a gradient reaches it, as its square, in
-/// Adam's second moment, could overflow.
+/// Absolute value of a gradient at which training has diverged: Adam's second moment, its square, could overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
 /// Engine that computes the gradients of a run.
@@ -184,14 +180,12 @@ pub trait Engine: Send {
         &[]
     }
 
-    /// Returns the gradient of the last batch's loss with respect to the log gain of each of `views` photographs; 0 for
-    /// a photograph without rays in the batch.
+    /// Returns the last batch's gradient with respect to the log gain of each of `views` photographs; 0 without rays.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
 
-    /// Computes the loss of a batch and, if the batch requests them, its gradients with respect to the rays. The
-    /// parameters do not change. An engine without ray gradients computes nothing, and returns a loss of 0.
+    /// Computes loss and requested ray gradients of a batch, without a step. An engine without ray gradients returns 0.
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }
@@ -201,8 +195,7 @@ pub trait Engine: Send {
         Box::new(std::iter::empty())
     }
 
-    /// Returns, for each ray of the last batch with a known photograph, the ray's index and its colour error, rendered
-    /// minus photographed. Returns none if the engine does not report errors.
+    /// Returns index and colour error, rendered minus photographed, of the last batch's rays with a known photograph.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
@@ -238,17 +231,14 @@ pub struct Adam {
     pub betas: [f64; 2],
     /// Term added to the square root of the second moment, so that no division is by 0.
     pub epsilon: f64,
-    /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
-    /// of the colour branch decay.
+    /// Decoupled weight decay: a step multiplies a weight by 1 − rate · decay. With a grid, in the colour branch only.
     pub weight_decay: f64,
-    /// Number of steps between updates of a hashed level of a grid, at least 1. An update uses the sum of the gradients
-    /// since the last update.
+    /// Number of steps, at least 1, between updates of a hashed level by the sum of its gradients since the last one.
     pub hashed_every: u32,
 }
 
 impl Default for Adam {
-    /// Returns the best constants for short training on a CPU: a second moment over few steps, and a negligible
-    /// epsilon.
+    /// Returns constants for short training on a CPU: a second moment over few steps, and a negligible epsilon.
     fn default() -> Self {
         Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0, hashed_every: 1 }
     }

@@ -34,8 +34,7 @@ pub(super) struct Pass {
     slots: Vec<Vec<f32>>,
     /// Gradient of the loss with respect to the current layer's output, `[blocks][outputs][BLOCK]`.
     upper: Vec<f32>,
-    /// Gradient of the loss with respect to the current layer's main inputs, without those of a skip connection:
-    /// `[blocks][main][BLOCK]`.
+    /// Gradient with respect to the layer's main inputs, without the skip connection's: `[blocks][main][BLOCK]`.
     lower: Vec<f32>,
     /// Sigma of each sample, padded to whole blocks.
     sigma: Vec<f32>,
@@ -57,7 +56,6 @@ impl Pass {
         self.sums.iter_mut().for_each(LayerSum::clear);
     }
 
-    /// Adds the loss and the gradients of a chunk to the sums.
     pub(super) fn run(&mut self, job: Job<'_>, batch: &Batch, chunk: &Chunk) {
         match chunk {
             Chunk::Rays { rays, samples } => self.run_rays(job, batch, rays.clone(), samples.clone()),
@@ -174,8 +172,7 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of the colour branch. The buffer `self.upper` holds dL/d (colour before the sigmoid)
-    /// before the call, and dL/d (trunk's outputs) after it.
+    /// Does the colour branch's backward pass: `self.upper` changes from dL/d (rgb before sigmoid) to dL/d (trunk).
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -190,8 +187,7 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of density and trunk from dL/d sigma. `colour`: whether the buffer `self.upper` already
-    /// holds the part of dL/d (trunk's outputs) through the colour branch. The density's part is then added to it.
+    /// Does the backward pass of density and trunk from dL/d sigma and, if `colour`, the colour's part in `self.upper`.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {

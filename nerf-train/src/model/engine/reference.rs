@@ -37,9 +37,7 @@ impl ReferenceEngine {
         Ok(Self { graph, device: Cpu::default(), optimiser })
     }
 
-    /// Returns sigma, per world unit, and colour at each position, seen along the direction of the same index.
-    ///
-    /// sigma is empty in a 2D field.
+    /// Returns sigma (1/world unit; empty in a 2D field) and colour at each position, seen along its direction.
     pub fn forward(
         &self,
         positions: &[[f32; 3]],

@@ -11,8 +11,7 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Number of samples at which a tape is full: it gets no further ray. With all activations and gradients, a tape takes
-/// some 300 MiB for the 8×256 network. A batch's gradient is the sum over its tapes.
+/// Number of samples at which a tape gets no further ray: some 300 MiB of activations for the 8×256 network.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
 /// Parameters of one layer; main and extra inputs have separate matrices, as dfdx has no concatenation.
@@ -54,8 +53,7 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradient of layer `d`, taken from `found`, to the layer's range of `out`, which holds the gradients of
-    /// all layers.
+    /// Adds the gradient of layer `d`, taken from `found`, to its range of `out`, which holds all layers' gradients.
     pub(super) fn collect(
         &self,
         d: &Dense,
@@ -103,8 +101,7 @@ impl Rows {
         Ok(Self { device: device.clone(), shape: (samples.len(), longest), places, index })
     }
 
-    /// Returns `values(i)` for the index `i` of each sample as constants, `[rays][longest]`; 0 after a ray's last
-    /// sample.
+    /// Returns `values(i)` of each sample `i` as constants, `[rays][longest]`; 0 after a ray's last sample.
     pub(super) fn constants(&self, values: impl Fn(usize) -> f32) -> Result<Matrix, EngineError> {
         let values = self.places.iter().map(|place| place.map_or(0.0, &values)).collect();
         Ok(self.device.try_tensor_from_vec(values, self.shape)?)
@@ -115,9 +112,8 @@ impl Rows {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
 
-    /// Returns `Σ_i weight_i x_i` over the samples of each ray, `[rays][channels]`.
-    ///
-    /// `weights`: `[rays][longest]`, 0 after a ray's last sample; `values`: `[samples][channels]`.
+    /// Returns `Σ_i weight_i x_i` over the samples of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0
+    /// after a ray's last sample; `values`: `[samples][channels]`.
     pub(super) fn sums(
         &self,
         weights: Matrix<Taped>,
@@ -147,8 +143,7 @@ impl Rows {
     }
 }
 
-/// Composites colours over the background. `shown`: Σ weight · colour of each ray, `[rays][3]`; `transmittance`: after
-/// each ray's last sample, `[rays]`.
+/// Composites `shown`, Σ weight · colour, `[rays][3]`, over the background. `transmittance`: at the rays' ends.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,

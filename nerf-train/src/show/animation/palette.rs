@@ -55,8 +55,7 @@ fn count(rgb: &[u8]) -> Vec<Counted> {
     pixels.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
 }
 
-/// Set of colours. `axis`: channel of largest spread; `mean`, `error`: mean and sum of squared deviations in this
-/// channel.
+/// Set of colours. `axis`: channel of largest spread; `mean`, `error`: its mean and sum of squared deviations.
 struct Set {
     colours: Vec<Counted>,
     error: f64,
@@ -98,8 +97,7 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     sets.into_iter().map(|set| set.colours).collect()
 }
 
-/// Palette entry of a set. If more than half of its pixels have the same colour, this is the entry, so that flat
-/// backgrounds stay exact. Otherwise the entry is the mean.
+/// Palette entry of a set: the colour of over half of its pixels (flat backgrounds stay exact), else the mean.
 fn representative(set: &[Counted]) -> [u8; 3] {
     let total: u64 = set.iter().map(|c| u64::from(c.1)).sum();
     if let Some(main) = set.iter().find(|c| 2 * u64::from(c.1) > total) {

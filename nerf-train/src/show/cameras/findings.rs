@@ -6,13 +6,11 @@ use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Background, Dataset, View};
 use crate::model::config::{Preset, Surroundings};
 
-/// Camera colours, one for each group of photographs whose poses are consistent with each other. Further groups repeat
-/// the colours.
+/// Camera colours, one for each group of photographs whose poses are consistent; further groups repeat them.
 const GROUPS: [[f32; 3]; 4] =
     [[0.13, 0.39, 0.85], [0.90, 0.47, 0.06], [0.15, 0.58, 0.24], [0.55, 0.25, 0.68]];
 /// Colour of the cameras whose poses contradict the other photographs.
 const CONTRADICTING: [f32; 3] = [0.85, 0.08, 0.12];
-/// Colour of the cameras whose photographs are blurred.
 const BLURRED: [f32; 3] = [0.62, 0.50, 0.10];
 /// Longer side of the thumbnails of the two photographs that contradict each other most, pixels.
 const SIDE: usize = 400;

@@ -40,8 +40,7 @@ impl ShownRay {
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
-    /// Number of bins between near and far, with one sample in each. For marched rays: the largest number of samples of
-    /// a ray.
+    /// Number of bins from near to far, with one sample in each. Marched rays: largest number of samples of a ray.
     pub bins: u16,
     pub marched: bool,
     /// Number of rays of the training step; the first of these rays are shown.
@@ -116,9 +115,8 @@ impl Drawer<'_> {
         Ok((shown.collect(), facts))
     }
 
-    /// Batch of the step: `rays` rays, with their samples in occupied cells of `cells`. If `cells` is `None`, the batch
-    /// has all samples in the scene box. `most`: number of samples at which the batch ends; 0: no limit. Marched rays
-    /// ignore `most`.
+    /// Batch of the step: `rays` rays, with their samples in occupied cells of `cells`; `None`: in the whole scene box.
+    /// `most`: number of samples at which the batch ends; 0: no limit. Marched rays ignore `most`.
     fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
         let (mut batch, step) = (Batch::default(), u64::from(self.step));
         if !self.is_marched() {
@@ -142,7 +140,6 @@ impl Drawer<'_> {
     }
 }
 
-/// Splits off and returns the first `count` positions.
 fn take<'p>(positions: &mut &'p [[f32; 3]], count: u32) -> &'p [[f32; 3]] {
     let (taken, rest) = positions.split_at((count as usize).min(positions.len()));
     *positions = rest;

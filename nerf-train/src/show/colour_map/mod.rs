@@ -10,8 +10,7 @@ pub const EMPTY: [f32; 3] = [0.86; 3];
 /// Opacity above which a pixel shows a surface, so that its distance is used.
 const SOLID: f32 = 0.5;
 
-/// Colour map of values from 0 to 1. Lightness rises evenly, so that a picture is readable in grey print, and by the
-/// colour-blind.
+/// Colour map of values from 0 to 1. Lightness rises evenly: readable in grey print, and by the colour-blind.
 ///
 /// # Source
 /// Degree-6 polynomials fitted to matplotlib's maps (van der Walt and Smith, CC0) by Matt Zucker, public domain,
@@ -62,9 +61,8 @@ impl ColourMap {
 
 /// Range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
 ///
-/// `values` (any unit), `opacity`: `[n]`. Only finite values are used; `None` if there are none. A few outliers cannot
-/// stretch the range. If the ends are equal, as for a flat wall at v, the range is v ± 0.5 % of v; at v = 0, −0.5 to
-/// 0.5.
+/// `values` (any unit), `opacity`: `[n]`. Only finite values are used; `None` if there are none. If the ends are equal,
+/// as for a flat wall at v, the range is v ± 0.5 % of v; at v = 0, −0.5 to 0.5.
 pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     let solid = |&(value, opacity): &(&f32, &f32)| value.is_finite() && *opacity > SOLID;
     let mut kept: Vec<f32> = values.iter().zip(opacity).filter(solid).map(|(&value, _)| value).collect();
@@ -76,8 +74,7 @@ pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     Some(widened(low, high))
 }
 
-/// Range between two finite ends, in either order. Equal ends v are moved apart: to v ± 0.5 % of v, or to −0.5 and 0.5
-/// if v is 0.
+/// Range between two finite ends, in either order; equal ends are moved apart as in [`robust_range`].
 fn widened(low: f32, high: f32) -> (f32, f32) {
     let (low, high) = if low <= high { (low, high) } else { (high, low) };
     let middle = low.abs().max(high.abs());
@@ -88,8 +85,7 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// Range of the colours of a picture of distances: `range` if both its ends are finite. Otherwise [`robust_range`], or
-/// 0 to 1 if that is `None`.
+/// Range of the colours of a picture of distances: `range` if it is finite, else [`robust_range`], else 0 to 1.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),

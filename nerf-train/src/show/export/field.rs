@@ -23,8 +23,7 @@ impl<'a, 'b> Field<'a, 'b> {
         Self { renderer, plan }
     }
 
-    /// Whether the scene is unbounded: its space is contracted. Such a scene has no outside, so that no ray can find
-    /// its surfaces from there.
+    /// Whether the scene is unbounded: contracted space has no outside from which rays could find its surfaces.
     pub fn is_unbounded(&self) -> bool {
         self.renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some())
     }

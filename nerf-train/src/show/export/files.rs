@@ -50,8 +50,7 @@ pub fn write_ply(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// Writes a mesh as OBJ: vertices `v x y z r g b`, normals `vn`, faces `f v//n`. MeshLab and Blender read colours after
-/// the coordinates.
+/// Writes a mesh as OBJ: vertices `v x y z r g b` (as MeshLab and Blender read colours), normals `vn`, faces `f v//n`.
 pub fn write_obj(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     written(path, |out| {
         writeln!(out, "# made by nerf-train")?;

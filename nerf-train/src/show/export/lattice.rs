@@ -6,8 +6,7 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::space::SceneBox;
 
-/// Lattice of cubes over a box, with one more layer of cubes around the box. This layer closes a surface that reaches a
-/// side of the box.
+/// Lattice of cubes over a box, with one more layer around it, which closes surfaces that reach the box's sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
     /// Position of the lattice's lower corner, world units.
@@ -37,8 +36,7 @@ impl Lattice {
         (0..width * height).map(corner).collect()
     }
 
-    /// Optical depth at each corner of slice `z`: the density there, times the side of a cube. 0 at the sides of the
-    /// lattice, which are outside of the box.
+    /// Optical depth at each corner of slice `z`: density times the side of a cube; 0 at the sides of the lattice.
     pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
         let side = |i: usize| {

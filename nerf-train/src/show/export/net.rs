@@ -1,5 +1,4 @@
-//! Surface net: triangles of the surface where levels cross 0.5. Levels are given at a lattice's corners, from 0
-//! outside to 1 inside.
+//! Surface net: triangles of the surface where levels at a lattice's corners (0 outside, 1 inside) cross 0.5.
 
 use super::lattice::Lattice;
 use anyhow::Context;
@@ -77,8 +76,7 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    /// Adds a face (two triangles) for each crossed edge of the lattice that lies in slice `z`, or between slices `z`
-    /// and `z + 1`. `above`: levels at the corners of slice `z + 1`.
+    /// Adds the faces of all crossed edges in slice `z`, or between it and slice `z + 1`, whose levels are `above`.
     fn faces(&mut self, z: usize, above: &[f16]) {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;
@@ -97,8 +95,7 @@ impl<'l> Net<'l> {
                 faces[2] = Some([cube(1, 1, 1), cube(1, 0, 1), cube(1, 0, 0), cube(1, 1, 0)]);
             }
             for [a, b, c, d] in faces.into_iter().flatten() {
-                // Seen from the edge's far end, the face is counter-clockwise. It faces outward if the near end is
-                // inside.
+                // Counter-clockwise seen from the edge's far end: the face is outward if the near end is inside.
                 let turned = if here { [a, b, c, d] } else { [d, c, b, a] };
                 let [a, b, c, d] = turned;
                 self.triangles.extend([[a, b, c], [a, c, d]]);

@@ -8,8 +8,7 @@ use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Largest ratio that [`level`] distinguishes. The ratio is a point's density or optical depth, divided by its value at
-/// the surface. The level is 0.5 at ratio 1, 1 from this ratio on, and 0 at the inverse of this ratio and below.
+/// Largest ratio that [`level`] distinguishes: the level is 1 from this ratio on, and 0 up to its inverse.
 const RANGE: f32 = 1000.0;
 /// Limit on the sum of optical depths at a corner (opacity 15/16), applied when the next corner's sum is computed from
 /// it. With this limit, a decaying sum is small again soon after opaque matter.
@@ -24,8 +23,7 @@ pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
 
-/// The three smallest sums of optical depth at a corner, ascending. Each is stored as the upper 16 bits of its `f32`;
-/// these bits sort as the values do.
+/// The three smallest sums of optical depth at a corner, ascending: upper 16 bits of `f32`s, which sort as the values.
 type Least = [u16; 3];
 
 pub(super) struct OpticalDepth {
@@ -77,8 +75,7 @@ impl OpticalDepth {
         });
     }
 
-    /// Sums optical depths along the nine directions from slice to slice. `keep`: factor on a sum for each cell of path
-    /// length; 1 without decay. `order`: indices of the slices, ascending or descending.
+    /// Sums along the nine directions from slice to slice, in this `order`. `keep`: as in [`Self::within_slices`].
     fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {
@@ -113,8 +110,7 @@ fn step(direction: [isize; 3]) -> (f32, f32) {
     (cells, 0.5 * cells)
 }
 
-/// Indices of the corners along an axis, without the first and the last, which are outside of the box; descending if
-/// `direction` is negative.
+/// Indices of an axis's corners, except the outermost, which are outside of the box; `direction` < 0: descending.
 fn inner(corners: usize, direction: isize) -> impl Iterator<Item = usize> {
     (1..corners - 1).map(move |i| if direction < 0 { corners - 1 - i } else { i })
 }

@@ -42,10 +42,9 @@ pub enum Surface {
 /// Extracts the surface of a field as a mesh. Each vertex has the colour seen from outside, along its inward normal.
 ///
 /// The mesh is a surface net of the lattice's optical depths, or densities, with smoothed normals. For a visible
-/// surface, the opacity is then measured along an inward ray from each vertex, against its normal. A vertex whose ray's
-/// opacity stays below 1/2 is left out. If the opacity crosses 1/2 far behind the vertex, the vertex moves along the
-/// ray, but stays about two cells outside of the crossing, so that triangles rarely intersect. `each` is called with
-/// the number of finished slices, counted over three passes of the lattice.
+/// surface, a vertex is left out if the opacity along its inward ray stays below 1/2. If the opacity crosses 1/2 far
+/// behind a vertex, the vertex moves to about two cells outside of the crossing: nearer, triangles would intersect.
+/// `each` is called with the number of finished slices, counted over three passes of the lattice.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -121,8 +120,7 @@ fn net<'l>(
     Ok(net)
 }
 
-/// Averages each vertex's normal with the normals of its neighbours. A neighbour counts once for each triangle that the
-/// two vertices share.
+/// Averages each normal with those of the neighbours; a neighbour counts once for each shared triangle.
 fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     for _ in 0..NORMAL_PASSES {
         let mut sums = normals.to_vec();
@@ -143,8 +141,7 @@ struct Place {
     surface: Vec3,
 }
 
-/// Returns the place of each vertex; `None` if the opacity along its ray stays below 1/2. If the opacity crosses 1/2
-/// far behind the vertex, the vertex moves to within two cells of the crossing.
+/// Returns the place of each vertex, moved as in [`mesh`]; `None` if the opacity along its ray stays below 1/2.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,

@@ -27,8 +27,7 @@ pub(super) fn draw_series<DB: DrawingBackend, X: Ranged<ValueType = f64>>(
     Ok(())
 }
 
-/// Draws a dashed horizontal line in row `y`, from column `start` to column `end`, pixels. `index`: number of the line,
-/// which chooses its pattern of dashes.
+/// Draws a dashed line in row `y`, from column `start` to `end`, pixels. `index` chooses the pattern of dashes.
 pub(super) fn dashed<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     (start, y): (i32, i32),
@@ -80,9 +79,8 @@ pub struct Label {
 /// Rectangle that a point or a label covers: left, top, right, bottom, pixels.
 type Taken = [i32; 4];
 
-/// Draws labels beside points, inside of `area`. `area`: columns and rows; `labels`: text, and position of the point;
-/// all in pixels of `root`. A label is on the side of its point that has room, and is moved up or down to avoid points
-/// and earlier labels. A thin line joins a label to a distant point. A label without room is left out.
+/// Draws labels beside points, inside of `area` (columns and rows), all in pixels of `root`. A label avoids points and
+/// earlier labels; a thin line joins it to a distant point. A label without room is left out.
 pub(super) fn draw_labels<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     area: &(Range<i32>, Range<i32>),

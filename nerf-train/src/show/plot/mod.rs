@@ -177,7 +177,6 @@ impl LinePlot {
         }
     }
 
-    /// Draws axes and data on `area`, a part of the drawing `root`.
     fn draw_chart<DB: DrawingBackend, X: AsRangedCoord<Value = f64>>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -242,9 +241,8 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the plot's notes at the bottom, and one more note if points were left out. Returns the row of pixels at
-    /// which the space for the chart ends. `left_out`: number of points that were left out; `top`: first row below the
-    /// title.
+    /// Draws the notes at the bottom, and one more if points were left out. Returns the row of pixels at which the
+    /// space for the chart ends. `top`: first row below the title.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -350,9 +348,8 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Range of a logarithmic axis, and its ticks. Ticks are at 1, 2 and 5 times the powers of ten. If these are more than
-/// [`TICKS`], ticks are at powers of ten alone, or at every second or third of them, and so on. The range ends at the
-/// ticks around the values.
+/// Range of a logarithmic axis, and its ticks: at 1, 2 and 5 times the powers of ten. If these are more than [`TICKS`],
+/// ticks are at powers of ten, or every second of them, and so on. The range ends at ticks around the values.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;

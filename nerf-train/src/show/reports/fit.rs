@@ -101,11 +101,8 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
     Ok(())
 }
 
-/// Sheet with a row per view, and a column per step. The last column is ground truth over `background`. `None` without
-/// snapshots.
-///
-/// Pictures are read from the report's `folder`, which also has pictures from before a resume. A missing picture
-/// becomes a grey cell with the caption "no picture".
+/// Sheet with a row per view, a column per step, and a column of ground truth over `background`; `None` if empty.
+/// Pictures are read from `folder`, also those from before a resume; a missing one becomes a grey cell.
 fn sheet(
     title: &str,
     folder: &Path,
@@ -124,8 +121,7 @@ fn sheet(
             let taken = snapshots.iter().find(|taken| (taken.step, taken.view) == (step, index));
             let stored = taken.and_then(|taken| {
                 let picture = Picture::read(taken.path(folder, dataset))?;
-                // A snapshot may have only every N-th pixel of the view: it is enlarged to the size of the ground
-                // truth.
+                // A snapshot may have only every N-th pixel of the view: it is enlarged to ground truth's size.
                 let fits = picture.width <= width && picture.height <= height;
                 fits.then(|| (picture.enlarged(width / picture.width.max(1)), taken.psnr_db))
             });

@@ -60,8 +60,7 @@ pub fn step_file(snapshots: &Path, step: u32) -> PathBuf {
     snapshots.join(format!("step_{step:06}.png"))
 }
 
-/// Writes `sheet.png`: the snapshots, the final picture, and the target. Snapshots are read from `folder`, which also
-/// has snapshots from before a resume.
+/// Writes `sheet.png`: snapshots in `folder`, also from before a resume, then the final picture, and the target.
 fn write_sheet(folder: &Path, photo: &Photo, outcome: &Outcome, snapshots: &[u32]) -> anyhow::Result<()> {
     let shown = |point: &CurvePoint| {
         let db =

@@ -18,9 +18,7 @@ const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the sheet, pixels.
 const THUMBNAIL: usize = 256;
 
-/// Writes table.csv, report.md, plots and sheet.png of the finished runs into the sweep's folder.
-///
-/// Returns the records.
+/// Writes table.csv, report.md, plots and sheet.png of the finished runs into the folder; returns the records.
 pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
     let records = records(folder)?;
     let path = &folder.path;
@@ -37,7 +35,6 @@ pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
     Ok(records)
 }
 
-/// Settings that have more than one value among the runs.
 fn varied(records: &[Record]) -> Vec<Knob> {
     Knob::value_variants().iter().copied().filter(|&knob| values(records, knob).len() > 1).collect()
 }

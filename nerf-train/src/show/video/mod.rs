@@ -1,9 +1,8 @@
 //! MP4 videos, encoded by an installed `ffmpeg`.
 //!
-//! Frames go to ffmpeg's standard input as raw RGB. The file gets its final name only after ffmpeg has succeeded. The
-//! encoder is H.264 at CRF 16, or mpeg4 if ffmpeg has no libx264. Chroma is 4:2:0, the only format that all players
-//! show. The file names its BT.709 matrix, which players otherwise guess from the picture's size. An ffmpeg that hangs
-//! is killed after [`PATIENCE`].
+//! Frames go to ffmpeg's standard input as raw RGB. The encoder is H.264 at CRF 16, or mpeg4 if ffmpeg has no libx264.
+//! Chroma is 4:2:0, the only format that all players show. The file names its BT.709 matrix, which players otherwise
+//! guess from the picture's size.
 
 use super::animation::{NO_FRAMES, check_rate, check_size};
 use crate::data::pictures::rgb::{Picture, wrong_size};
@@ -17,8 +16,7 @@ use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-/// Time without progress after which ffmpeg is killed. Until the last frame, ffmpeg must read its input; afterwards, it
-/// must write its output.
+/// Time after which ffmpeg is killed if it neither reads a frame nor, after the last frame, writes its output.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Time in which ffmpeg must list its encoders.
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);
@@ -29,7 +27,6 @@ const LISTING_BYTES: usize = 1 << 20;
 /// Number of bytes that are kept of the end of ffmpeg's messages, which says why it failed.
 const KEPT_BYTES: usize = 8 << 10;
 
-/// Arguments of ffmpeg that select the encoder.
 const X264: [&str; 4] = ["-c:v", "libx264", "-crf", "16"];
 const MPEG4: [&str; 4] = ["-c:v", "mpeg4", "-q:v", "2"];
 
@@ -38,7 +35,6 @@ const MPEG4: [&str; 4] = ["-c:v", "mpeg4", "-q:v", "2"];
 pub struct Ffmpeg {
     program: PathBuf,
     encoder: [&'static str; 4],
-    /// Time after which an ffmpeg that neither reads nor writes is killed.
     patience: Duration,
 }
 
@@ -104,9 +100,8 @@ pub struct Mp4Writer {
 }
 
 impl Mp4Writer {
-    /// Starts ffmpeg for frames of `width` × `height` pixels; `fps`: frames per second.
-    ///
-    /// The last column or row of an odd side is repeated, as 4:2:0 chroma needs even sides.
+    /// Starts ffmpeg for frames of `width` × `height` pixels; `fps`: frames per second. The last column or row of an
+    /// odd side is repeated, as 4:2:0 chroma needs even sides.
     pub fn create(
         ffmpeg: &Ffmpeg,
         path: impl AsRef<Path>,

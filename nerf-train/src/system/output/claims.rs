@@ -74,8 +74,7 @@ enum Identity {
 }
 
 impl Identity {
-    /// Returns the identity of a file or folder; `None` if nothing exists at `path`, or if it is a device or pipe,
-    /// which writing does not destroy.
+    /// Returns the identity of a file or folder; `None` for a device or pipe, or if nothing exists at `path`.
     fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok().filter(|found| found.is_file() || found.is_dir())?;
         #[cfg(unix)]

@@ -9,8 +9,7 @@ use std::path::Path;
 
 pub const MARK: &str = "made by nerf-train";
 
-/// Number of bytes searched for the mark, from the start of a file. In an MP4, the mark is at the end of the index,
-/// which lies at the start.
+/// Number of bytes searched for the mark, from the start of a file, where an MP4 has its index with the mark.
 const SEARCHED_BYTES: u64 = 16 << 20;
 
 pub fn was_made_here(path: &Path) -> bool {

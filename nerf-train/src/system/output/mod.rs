@@ -155,9 +155,7 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Path into which another program writes before the commit.
-    ///
-    /// The other program must write into this file, not replace it, and finish before the commit.
+    /// Path into which another program writes before the commit; the program must not replace the file.
     pub fn place(&self) -> &Path {
         match &self.sink {
             Sink::Temporary(buffer, _) => buffer.get_ref().path(),
@@ -236,9 +234,8 @@ fn cannot_link(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
 }
 
-/// Creates the folder with its parents, and tests that files can be written there.
-///
-/// To be called before long work, so that an hour of training does not end in "permission denied".
+/// Creates the folder with its parents, and tests that files can be written there. To be called before long work, so
+/// that an hour of training does not end in "permission denied".
 ///
 /// # Errors
 /// [`Attempt::CreateFolder`] or [`Attempt::ProbeFolder`].
@@ -298,8 +295,7 @@ fn remove_folder(path: &Path) {
     }
 }
 
-/// Builder of a hidden temporary file or folder. `mode`: permissions before the umask, 0o666 for a file and 0o777 for a
-/// folder, as for any new one. (The defaults of the crate tempfile are narrower.)
+/// Builder of a hidden temporary. `mode`: permissions before the umask, 0o666 for a file and 0o777 for a folder.
 fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     // A fixed short prefix: the target's name may already be as long as the file system allows.

@@ -5,11 +5,9 @@ use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Fraction of a line of sight, measured from the camera, along which space is taken as free. It is below 1, since
-/// points are inexact and surfaces slanted.
+/// Fraction of a line of sight that counts as free: below 1, since points are inexact and surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
-/// Least number of crossings by lines of sight that proves a cell free. For a block, the crossings of all its cells are
-/// added; this number of crossings then proves the whole block free.
+/// Least number of crossings by lines of sight that proves a cell free; for a block, summed over its cells.
 const MIN_CROSSINGS: u32 = 3;
 /// A cell is free only if more than this number of lines of sight cross it for each line that ends in it.
 const ENDS: u32 = 4;
@@ -17,16 +15,13 @@ const ENDS: u32 = 4;
 const BLOCK: usize = 4;
 /// Lines of sight with a confidence below this are ignored.
 const MIN_CONFIDENCE: f32 = 0.15;
-/// Number of steps per side of a cell, along a line of sight in the uncontracted ball. Outside of the ball, steps grow
-/// with the distance, as cells do.
+/// Number of steps per side of a cell along a line of sight. Outside of the uncontracted ball, steps grow as cells do.
 const STEPS_A_CELL: f32 = 2.0;
 
-/// Returns for each cell of an unbounded scene whether it is free. The cell at `(x, y, z)` has index `(x ny + y) nz +
-/// z`.
+/// Returns for each cell of an unbounded scene whether it is free, at index `(x ny + y) nz + z`.
 ///
-/// A line of sight crosses a cell if the first 0.85 of its length passes through it. A cell is free if at least three
-/// lines cross it, and if the crossing lines are more than four times as many as the lines that end in it. All cells of
-/// a block of 4 × 4 × 4 are also free if together they are crossed at least three times, and no line ends in the block.
+/// A cell is free if at least three lines of sight cross it, more than four times as many as end in it. All cells of a
+/// block of 4 × 4 × 4 are also free if together they are crossed at least three times, and no line ends in the block.
 pub(crate) fn free_cells(
     bounds: SceneBox,
     resolution: [u16; 3],
@@ -71,8 +66,7 @@ pub(crate) fn free_cells(
             ended.into_iter().for_each(|cell| ends[cell as usize] += 1);
         }
     }
-    // A block is free as a whole if lines of sight cross it and none ends in it. Single cells are crossed by too few
-    // lines.
+    // Single cells are crossed by too few lines of sight: blocks are tested as a whole, too.
     let blocks = sides.map(|side| (side as usize).div_ceil(BLOCK));
     let block_of = |cell: usize| {
         let [ny, nz] = [resolution[1], resolution[2]].map(usize::from);

@@ -17,15 +17,12 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// Least fraction of the candidate cells that an update may leave occupied. An update that leaves fewer is not applied:
-/// a network without density must not empty the grid.
+/// Least fraction of candidates that an update may leave occupied. A network without density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// Divisor of the number of views that see the most-seen cell. The quotient, rounded up, is the least number of views
-/// that must see a cell of the visual hull. This excludes space behind the scene, which is not carved because only a
-/// few cameras see it.
+/// Divisor of the largest number of views that see a cell. The quotient, rounded up, is the least number that must see
+/// a cell of the hull. This excludes space behind the scene, which few cameras see.
 const SEEN_SHARE: u32 = 4;
-/// Limit of the work for a final update with eight points per cell, in multiply-adds: a few seconds. If more would be
-/// needed, one point per cell is evaluated.
+/// Limit of the work for a final update with eight points per cell, multiply-adds; beyond it, one point is evaluated.
 const SETTLE_MACS: usize = 300_000_000_000;
 /// Least compositing weight with which a training sample marks its cell as visible.
 const MARKED_WEIGHT: f32 = 3e-3;
@@ -81,8 +78,7 @@ impl LiveCells {
         (Vec3::from(self.max) - Vec3::from(self.min)) / sides
     }
 
-    /// Position of a point in cell `cell`, in the coordinates of the scene box. `u`: the point's coordinates within the
-    /// cell, 0 to 1 along x, y, z. `cell`: index `(x ny + y) nz + z`.
+    /// Position of a point in cell `cell`, index `(x ny + y) nz + z`. `u`: coordinates within the cell, 0 to 1.
     fn point(&self, cell: u32, u: [f32; 3]) -> Vec3 {
         let [_, ny, nz] = self.resolution.map(u32::from);
         let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
@@ -90,8 +86,7 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
-    /// Creates an occupancy grid of `resolution` cells along x, y, z over `bounds`. `live`: index `(x ny + y) nz + z`
-    /// of each occupied cell.
+    /// Occupancy grid of `resolution` cells over `bounds`. `live`: index `(x ny + y) nz + z` of each occupied cell.
     ///
     /// # Panics
     /// If a cell is outside of the occupancy grid.
@@ -122,8 +117,7 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// Number of cells along x, y, z of a box with sides `extent`. `resolution`: number of cells along the longest
-    /// side.
+    /// Number of cells along x, y, z of a box with sides `extent`; `resolution`: number along the longest side.
     pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
         let cell = extent.max_element() / f32::from(resolution);
         extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
@@ -136,12 +130,9 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// Occupancy grid of an unbounded scene. A cell is occupied if two cameras far enough apart see it, unless it is
-    /// too near to a camera or known to be free.
-    ///
-    /// `nears`: for each view, the distance from its camera within which space is empty, world units. `apart`: least
-    /// distance between the two cameras, world units. `free`: for each cell, whether it is known to be empty; may be an
-    /// empty slice.
+    /// Occupancy grid of an unbounded scene. A cell is occupied if two cameras at least `apart` world units apart see
+    /// it, unless it is too near to a camera or known to be free. `nears`: for each view, the distance from its camera
+    /// within which space is empty, world units. `free`: for each cell, whether it is empty; may be an empty slice.
     pub fn seen(
         bounds: SceneBox,
         resolution: u16,
@@ -201,10 +192,8 @@ impl Occupancy {
         Self { live, candidates, density, refreshes: 0, weighted: Vec::new(), marked_rays: 0 }
     }
 
-    /// Carves the visual hull: the cells that enough views see, and that no view shows as background.
-    ///
-    /// `None` if the photographs do not show what is background. A view sees a cell if the projection of the cell's
-    /// bounding sphere is completely inside the photograph.
+    /// Visual hull: the cells that enough views see completely, and that no view shows as background. `None` if the
+    /// photographs do not show what is background.
     pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
         let silhouettes: Option<Vec<Silhouette>> =
             views.par_iter().map(|view| Silhouette::of(view, background)).collect();
@@ -288,11 +277,9 @@ impl Occupancy {
         }
     }
 
-    /// Evaluates the network's density in some candidate cells and, if `drop`, empties cells of too little density.
-    ///
-    /// `threshold`: density, 1/world unit, above which a cell stays occupied. Each call evaluates at most `cells`
-    /// candidates, each at one random point; successive calls go on to other candidates until all were evaluated. A
-    /// cell stores the larger of the new density and `decay` times the stored one.
+    /// Evaluates the density in at most `cells` candidate cells, each at one random point, and, if `drop`, empties
+    /// those of density below `threshold`, 1/world unit. Successive calls go on to other candidates. A cell stores the
+    /// larger of the new density and `decay` times the stored one.
     pub fn refresh(&mut self, ask: &DensityQuery<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
         let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
@@ -309,27 +296,22 @@ impl Occupancy {
         }
     }
 
-    /// Final update before export: evaluates the density at 2 × 2 × 2 points of every candidate cell that is not known
-    /// to be occupied.
-    ///
-    /// A cell is occupied as soon as a density is above `threshold`, 1/world unit; its other points are then not
-    /// evaluated. If all points would take too long (a large occupancy grid and a large network), each cell is
-    /// evaluated at its centre only. In this case candidates next to occupied cells are made occupied, too.
+    /// Final update before export: evaluates the density at 2 × 2 × 2 points of every candidate cell not known to be
+    /// occupied. A cell is occupied if any density is above `threshold`, 1/world unit. If this would take too long,
+    /// each cell is evaluated at its centre only, and candidates next to occupied cells are made occupied, too.
     pub fn settle(&mut self, ask: &DensityQuery<'_>, threshold: f32) {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
-    /// Computes the occupancy grid of a finished network, `resolution` cells along the longest side. Cells are
-    /// evaluated as in [`Self::settle`]. The result is used even if hardly any cell stays occupied; `settle` would then
-    /// discard it.
+    /// Occupancy grid of a finished network, `resolution` cells along the longest side, evaluated as in
+    /// [`Self::settle`]. Unlike there, the result is used even if hardly any cell stays occupied.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy
     }
 
-    /// Computes the occupancy grid of a finished network as [`Self::asked`] does, but evaluates only the occupied cells
-    /// of `cells`.
+    /// Occupancy grid of a finished network as by [`Self::asked`], evaluated only in the occupied cells of `cells`.
     pub fn asked_within(cells: &LiveCells, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
         occupancy.settle_to(ask, threshold, 0.0);
@@ -389,8 +371,7 @@ impl Occupancy {
         sigma
     }
 
-    /// Sets the occupancy bits from the stored densities, unless fewer than `smallest_share` of the candidates stay
-    /// occupied.
+    /// Sets occupancy bits from the stored densities, if at least `smallest_share` of the candidates stay occupied.
     fn apply(&mut self, threshold: f32, smallest_share: f64) {
         let live = |&density: &f32| density == UNKNOWN || density > threshold;
         let count = self.density.iter().filter(|density| live(density)).count();

@@ -21,7 +21,6 @@ pub struct MarchCells {
     resolution: [u16; 3],
     /// Occupancy bit of each cell at index `(x ny + y) nz + z`, least significant bit of a byte first.
     bits: Vec<u8>,
-    /// Number of blocks of [`BLOCK_SIDE`]³ cells along x, y, z.
     blocks: [u16; 3],
     /// One bit per block, in the order of `bits`: whether the block or one next to it has an occupied cell.
     near: Vec<u8>,
@@ -80,8 +79,7 @@ struct Lookup<'a> {
 }
 
 impl<'a> Lookup<'a> {
-    /// Lookup in the occupancy bits `bits` along `ray`. `resolution`: number of cells along x, y, z. `sides`: exact
-    /// side lengths of the box in cells.
+    /// Lookup along `ray`. `resolution`: number of cells along x, y, z. `sides`: exact sides of the box in cells.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -123,10 +121,8 @@ fn first_bits(count: u32) -> u32 {
     u32::MAX >> (32 - count.min(GROUP as u32))
 }
 
-/// Ray march: appends to `positions` the points of `ray` at `t = first + i step`, `i` in `0..count`, that lie in
-/// occupied cells.
-///
-/// All points must be inside the box. A point on a face between two cells may count as in either.
+/// Ray march: appends to `positions` the points of `ray` at `t = first + i step`, `i < count`, in occupied cells. All
+/// points must be inside the box. A point on a face between two cells may count as in either.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,
@@ -170,13 +166,11 @@ impl Op for March<'_> {
 }
 
 /// Ray march of an unbounded scene; see [`March`]. `ray`: moved by [`Contraction::centred`]; `start`: distance from the
-/// camera to its origin, world units. `first`, `step`: position of the first sample and distance between samples, in
-/// the position `s` that [`Contraction::distance`] converts to a distance.
+/// camera to its origin, world units. `first`, `step`: in units of the position `s` in [`Contraction::distance`].
 ///
-/// For each sample in an occupied cell, appends to `samples` the contracted point, the length of the step in world
-/// units, and a factor for the sample's gradient. The factor is the squared distance from the camera, in radii of the
-/// uncontracted ball, and at most 1. Without it, the many rays through cells near a camera would fill these cells with
-/// fog.
+/// Contracted points are appended to `samples`, with step lengths in world units. The factor for a sample's gradient is
+/// the squared distance from the camera, in radii of the uncontracted ball, and at most 1. Without it, the many rays
+/// through cells near a camera would fill these cells with fog.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".
@@ -191,7 +185,6 @@ pub(super) struct MarchContracted<'a> {
     pub samples: &'a mut Samples,
 }
 
-/// Samples of rays through an unbounded scene: see [`MarchContracted`].
 #[derive(Default)]
 pub(super) struct Samples {
     pub positions: Vec<[f32; 3]>,

@@ -19,7 +19,6 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
-/// Number of rays that one task marches together.
 const CHUNK: usize = 128;
 /// Number of rays that one task marches together in an unbounded scene, whose rays are fewer and longer.
 const CONTRACTED_CHUNK: usize = 16;
@@ -31,8 +30,7 @@ const SIGHT_SHARE: usize = 8;
 pub struct RayBank<'d> {
     views: &'d [View],
     cameras: Vec<Camera>,
-    /// For each view, the index of its first pixel among the pixels of all views. The last entry is the number of all
-    /// pixels.
+    /// For each view, the index of its first pixel among the pixels of all views; last, the number of all pixels.
     starts: Vec<u64>,
     /// Indices, among the pixels of all views, of the pixels that batches are drawn from. They are unmasked and, if
     /// photographs show what is foreground, near the foreground. `None`: batches are drawn from all pixels.
@@ -51,7 +49,6 @@ pub struct RayBank<'d> {
     seed: u64,
 }
 
-/// Rays and samples that one task marched.
 #[derive(Default)]
 struct Marched {
     rays: Vec<BatchRay>,
@@ -61,7 +58,6 @@ struct Marched {
     /// Position of each sample of the rays along lines of sight: 0 at the ray's near end, 1 at its far end, linear in
     /// the position `s` of [`Contraction::distance`].
     along: Vec<f32>,
-    /// Index of the view of each ray.
     views: Vec<u32>,
     /// Index of each ray's pixel in its view.
     pixels: Vec<u32>,
@@ -131,8 +127,7 @@ impl<'d> RayBank<'d> {
         self.cameras = cameras;
     }
 
-    /// Line of sight of ray `index` in a batch of `rays` rays, and index of its view. Only the first eighth of the rays
-    /// follow lines of sight; `None` for the other rays, and without lines of sight.
+    /// Line of sight of ray `index` and index of its view; `None` for rays after the first eighth of the batch.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
             return None;
@@ -145,10 +140,8 @@ impl<'d> RayBank<'d> {
         self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
     }
 
-    /// Fills `batch` with the `rays` rays of step `step`. `live`: largest number of samples; rays that would exceed
-    /// this number are left out. 0 sets no limit.
-    ///
-    /// Samples lie in occupied cells of `occupancy` or, without an occupancy grid, in the whole scene box.
+    /// Fills `batch` with the `rays` rays of step `step`. `live`: largest number of samples, 0 for no limit; rays that
+    /// would exceed it are left out. Samples lie in occupied cells of `occupancy`; without it, in the whole scene box.
     pub fn fill(
         &self,
         batch: &mut Batch,
@@ -178,10 +171,8 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), self.bins.delta());
     }
 
-    /// Fills `batch` with the `rays` rays of step `step`. Samples lie in occupied cells of `cells`, `width` world units
-    /// apart after a random offset. Returns the time of the march, summed over threads.
-    ///
-    /// A ray is marched through the whole scene box, whatever the near and far planes.
+    /// Fills `batch` with the `rays` rays of step `step`, marched through the whole scene box whatever the near and far
+    /// planes. Samples in occupied cells are `width` world units apart. Returns the time, summed over threads.
     pub fn fill_marched(
         &self,
         isa: Isa,
@@ -263,9 +254,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Adds points in empty cells of `occupancy` to `batch`, at most `count`. Every other point is drawn on a ray of a
-    /// random pixel, the others anywhere in the scene box. Points in occupied cells are dropped, and at most four times
-    /// `count` points are drawn.
+    /// Adds at most `count` points in empty cells to `batch`, alternately on rays and anywhere in the scene box.
     pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, occupancy: &OccupancyGrid<'_>) {
         let extent = self.bounds.scene_box.max - self.bounds.scene_box.min;
         for try_index in 0..4 * count as u64 {
@@ -296,8 +285,7 @@ impl<'d> RayBank<'d> {
     }
 
     fn locate(&self, pixel: u64) -> (usize, usize) {
-        // Most views have one size, so that the first guess is right. Branches of a binary search would be
-        // mispredicted.
+        // Most views have one size, so the first guess is right. Branches of a binary search would be mispredicted.
         let views = self.views.len();
         let share = pixel as f64 / self.starts[views] as f64;
         let mut view = ((share * views as f64) as usize).min(views - 1);
@@ -331,8 +319,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Rays with the indices `range` of a step that has `rays` rays in all. Each item: index of the ray, indices of its
-    /// view and pixel, the ray, and its entry in the batch, still without samples.
+    /// Rays `range` of a step of `rays` rays: index, indices of view and pixel, ray, and batch entry without samples.
     fn targets(
         &self,
         step: u64,
@@ -361,8 +348,7 @@ impl<'d> RayBank<'d> {
                 std::array::from_fn(|c| if white { 1.0 } else { (bits >> c & 1) as f32 })
             }
             Background::Constant(colour) => colour.map(|c| f32::from(c) / 255.0),
-            // An unbounded scene has no background. With a random colour in its place, any light that passes through
-            // the scene is an error.
+            // An unbounded scene has no background: against a random colour, light that passes through is an error.
             Background::Unknown if self.bounds.contraction.is_some() => {
                 let bits = uniform_u32(self.seed, Purpose::Background, step, index);
                 std::array::from_fn(|c| (bits >> (8 * c) & 255) as f32 / 255.0)
@@ -402,8 +388,7 @@ impl<'d> RayBank<'d> {
             Jitter::None => self.bins.at(bin, 0.5),
             Jitter::Bin => self.bins.within(bin, draw()),
             Jitter::Width(width) => {
-                // A width above the bin's length is limited to it, so that samples are uniform over the bin, without a
-                // peak at its end.
+                // The width is limited to the bin's length, so that samples have no peak at the bin's end.
                 let delta = self.bins.delta();
                 let u = draw() * width.min(delta) / delta;
                 self.bins.within(bin, u.min(1f32.next_down()))
@@ -412,8 +397,7 @@ impl<'d> RayBank<'d> {
     }
 }
 
-/// Fills `batch` with `rays` rays, in parallel tasks of `chunk` rays; `march` marches the rays of one task. Returns the
-/// time that this took, summed over threads.
+/// Fills `batch` with `rays` rays; `march` marches `chunk` rays in one task. Returns the time, summed over threads.
 fn marched(
     batch: &mut Batch,
     rays: usize,
@@ -456,8 +440,7 @@ fn ray_of(camera: &Camera, pixel: usize) -> Ray {
 /// Margin around the foreground, pixels. Only pixels of the foreground and this margin are drawn for batches.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Indices, among the pixels of all views, of those within [`FOREGROUND_MARGIN`] of the foreground. `None` if the
-/// photographs do not show what is foreground.
+/// Indices of the pixels within [`FOREGROUND_MARGIN`] of the foreground; `None` if photographs do not show it.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();

@@ -10,8 +10,7 @@ use std::borrow::Cow;
 
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
-/// Least optical thickness per march step with which a cell is occupied in the exported grid. The threshold in training
-/// may be lower.
+/// Least optical thickness per march step of an occupied cell in the exported grid; training may use a lower one.
 const EXPORTED: f32 = 0.03;
 
 /// The field and occupancy grid of a run at one step, as they would be exported.
@@ -26,8 +25,7 @@ pub struct Candidate {
     pub architecture: Option<Architecture>,
 }
 
-/// Facts about an exported blob that the trainer does not know: measurements, and whether rendering requires the
-/// occupancy grid.
+/// Facts about an exported blob that the trainer does not know.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
     /// Whether the field must be rendered with its occupancy grid.
@@ -38,12 +36,9 @@ pub struct About<'a> {
 }
 
 impl Candidate {
-    /// Copies the present state of the run.
-    ///
-    /// `settle`: whether all cells of the occupancy grid are evaluated a last time and, in an unbounded scene, cells in
-    /// which no sample had enough weight are emptied. With a learned feature grid, this is needed only at the end of a
-    /// run, as training evaluates the cells all the time. Without a learned feature grid, cells are evaluated whatever
-    /// `settle` is.
+    /// Copies the present state of the run. `settle`: whether cells are evaluated a last time and, in an unbounded
+    /// scene, emptied if no sample had enough weight. With a learned feature grid, this is needed only at the end of a
+    /// run. Without one, cells are always evaluated.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let averaged = trainer.state.average.values().map(Cow::Borrowed);
         let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());

@@ -19,15 +19,12 @@ use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::camera::Camera;
 use std::time::{Duration, Instant};
 
-/// Number of consecutive steps without gradients, usually because every density is 0, after which a run restarts with
-/// another seed.
+/// Number of consecutive steps without gradients, usually with every density 0, after which a run restarts.
 const DEAD_STEPS: u32 = 100;
-/// Limit on the number of occupancy updates that together evaluate every candidate cell once, if the field has a
-/// learned grid.
+/// Largest number of occupancy updates that evaluate every candidate cell once, if the field has a learned grid.
 const REFRESHES: usize = 24;
-/// Growth of the ray march's steps in an unbounded scene. First number: length at the start of training, as a multiple
-/// of the final length. Second number: fraction of the run after which the final length is reached. Steps start long,
-/// since at first most of the scene is fog.
+/// Growth of the ray march's steps in an unbounded scene: length at the start, as a multiple of the final length, and
+/// fraction of the run after which the final length is reached. Steps start long, since at first most is fog.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
 /// Growth of the ray march's steps in a bounded scene; the two numbers are as in [`UNBOUNDED_GROWTH`].
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
@@ -47,9 +44,8 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: the constant colour that the data set states. Otherwise black, or, in an
-    /// unbounded scene of unknown background, the mean colour of the photographs. This mean shows only where no
-    /// photograph saw anything.
+    /// Background colour, display-encoded: the data set's constant colour; otherwise black or, in an unbounded scene of
+    /// unknown background, the mean colour of the photographs. This mean shows only where no photograph saw anything.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
@@ -63,8 +59,7 @@ pub struct Trainer<'d> {
     /// Lines of sight from the training cameras to key points, in an unbounded scene.
     pub(crate) sights: Option<Sights>,
     cells: Option<MarchCells>,
-    /// Batch of the next step, filled while the present step is computed, and the parameters of its ray march. The
-    /// parameters are `None` if the batch was not filled.
+    /// Batch of the next step, filled while this step is computed, and its ray march; `None` if not filled.
     prefetched: (Option<March>, Batch),
     phases: Phases,
     pub(crate) fingerprint: u64,
@@ -138,8 +133,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Checks that the parts of a checkpoint fit this run: a valid checksum does not prove that this program wrote the
-    /// file.
+    /// Checks the parts of a checkpoint: a valid checksum does not prove that this program wrote the file.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         let State { progressed: p, occupancy, photographs, .. } = &checkpoint.state;
         let counted = p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
@@ -171,8 +165,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Time that this process spent in each phase of its steps. Updates of the occupancy grid count in wall-clock time;
-    /// other phases are summed over threads.
+    /// Time spent in each phase of the steps: wall-clock for occupancy updates, otherwise summed over threads.
     pub fn phases(&self) -> Phases {
         let mut phases = self.phases;
         phases += self.engine.phases();
@@ -296,8 +289,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Marks the cells in which the last step had samples of enough weight, in an unbounded scene after the fraction
-    /// [`MARKED_FROM`] of the run.
+    /// Marks cells with samples of enough weight in the last step, in an unbounded scene; see [`MARKED_FROM`].
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
@@ -319,8 +311,7 @@ impl<'d> Trainer<'d> {
         let occupancy =
             self.state.occupancy.as_ref().filter(|_| self.config.occupancy.skip).map(Occupancy::lookup);
         let live_per_ray = self.state.progressed.live_per_ray;
-        // With a learned grid, the number of rays follows from the number of samples with a large enough weight, which
-        // is known only after the step.
+        // With a learned grid, the number of samples with a large enough weight is known only after the step.
         let counted_after = self.config.network.grid.is_some();
         if let (Some(width), Some(occupancy)) = (self.step_width(share), &self.state.occupancy) {
             let march = March { step, rays: rays_of(s, 1.0, live_per_ray), width };
@@ -347,8 +338,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Discards `self.cells`, the march's copy of the occupied cells, and the prefetched batch, after the occupancy
-    /// grid has changed.
+    /// Discards the copy of the occupied cells and the prefetched batch, after the occupancy grid has changed.
     fn forget_marched(&mut self) {
         (self.cells, self.prefetched.0) = (None, None);
     }
@@ -432,8 +422,7 @@ impl March {
     }
 }
 
-/// Number of rays with which a batch has about the configured number of samples. `live_per_ray`: mean number of samples
-/// per ray (`Progressed::live_per_ray`); 0 if not known yet. `margin`: factor on the number of rays.
+/// Number of rays for the configured number of samples. `live_per_ray`: 0 if not known. `margin`: factor on the result.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -442,8 +431,7 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Smoothed number of samples per ray after a batch of `rays` rays with `live` samples. `before`: the smoothed number
-/// before this batch; 0 before the first batch.
+/// Smoothed number of samples per ray. `before`: the smoothed number before this batch; 0 before the first batch.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }

@@ -138,9 +138,8 @@ impl<'a> Reduced<'a> {
     }
 }
 
-/// Solves `matrix` x = `right` by Cholesky factorisation; x replaces `right`. `None` if `matrix` is not positive
-/// definite. `matrix`: symmetric, `size` × `size`, row by row; only its lower triangle is read, and the factor replaces
-/// it.
+/// Solves `matrix` x = `right` in place by Cholesky factorisation; `None` if `matrix` is not positive definite.
+/// `matrix`: symmetric, `size` × `size`, row by row; only its lower triangle is read.
 fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);

@@ -19,8 +19,7 @@ use linear::Reduced;
 
 /// Number of parameters of a pose (rotation, translation). A device has three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-/// Scale s of the robust loss, pixels. The loss is about quadratic in smaller reprojection errors, about linear in
-/// larger ones.
+/// Scale s of the robust loss, pixels: about quadratic in smaller reprojection errors, about linear in larger ones.
 const SOFT_PIXELS: f64 = 1.0;
 /// A point is in front of a camera if its depth exceeds this fraction of the camera's distance from the world origin.
 const MIN_DEPTH: f64 = 1e-6;
@@ -140,9 +139,8 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its optical axis to compensate for a changed focal length: points at the camera's median
-    /// depth keep their size in its picture. `own`: focal length of each photograph before the change, pixels; the new
-    /// focal length is the device's.
+    /// Moves each camera along its optical axis, so that a changed focal length keeps the size of points at its median
+    /// depth. `own`: focal length of each photograph before the change, pixels.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {
@@ -161,8 +159,7 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Adjusts all cameras, devices and points; returns the number of iterations. At the end, rotates, scales and
-    /// shifts the whole reconstruction so that the camera centres best fit `anchor`, one position for each photograph.
+    /// Adjusts cameras, devices and points, then [aligns](align) them with `anchor`; returns the number of iterations.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
@@ -190,7 +187,6 @@ impl Bundle {
 }
 
 /// Rotates, scales and shifts cameras and points so that the camera centres best fit `anchor`, one position per camera.
-///
 /// With fewer than two distinct positions, nothing is moved.
 fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     let centres: Vec<DVec3> = bundle.photographs.iter().map(Photograph::centre).collect();

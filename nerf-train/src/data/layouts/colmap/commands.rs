@@ -11,7 +11,6 @@ const NEWER: [(&str, &str); 4] = [
     ("--SiftMatching.num_threads", "--FeatureMatching.num_threads"),
 ];
 
-/// Text about the renamed options, for error messages.
 pub(in crate::data) const RENAMED: &str =
     "since COLMAP 3.13 it is --FeatureExtraction.use_gpu and --FeatureMatching.use_gpu";
 
@@ -161,8 +160,7 @@ fn mapper(images: &Path, database: &Path, models: &Path) -> Stage {
     Stage { name: "mapper", options, optional: Vec::new() }
 }
 
-/// COLMAP commands for a user to run by hand: extraction, matching and mapping of the photographs in `images` to
-/// reconstructions in `models`. `one_camera`: whether one camera has taken all photographs.
+/// COLMAP commands for a user to run by hand on `images`. `one_camera`: whether one camera has taken all photographs.
 pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera: bool) -> [Stage; 3] {
     [extraction(images, database, one_camera), matcher(database, false), mapper(images, database, models)]
 }

@@ -30,9 +30,8 @@ impl Lines {
         DatasetError::value(&self.file, format!("line {}, {field}", self.at), expected, found.into())
     }
 
-    /// The next line without its end, or `None` at the end of the file.
-    ///
-    /// A last line without a line end is an error: a truncated file may have lost digits of a number.
+    /// The next line without its end, or `None` at the end of the file. A last line without a line end is an error: a
+    /// truncated file may have lost digits of a number.
     fn any(&mut self) -> Result<Option<String>, DatasetError> {
         let mut line = Vec::new();
         let read = self.stream.by_ref().take(MAX_LINE).read_until(b'\n', &mut line);
@@ -90,8 +89,7 @@ impl Lines {
         Ok(numbers)
     }
 
-    /// Returns an error if `found`, the number of items in the file, is 0 or differs from the number that a comment
-    /// states.
+    /// Returns an error if `found`, the number of items, is 0 or differs from the number that a comment states.
     fn check(&self, found: u64) -> Result<(), DatasetError> {
         match self.announced {
             Some(announced) if announced != found => {

@@ -51,8 +51,7 @@ impl Picture {
         }
     }
 
-    /// Copies `other` into this picture. The top left corner of `other` comes to column `x` and row `y`; parts beyond
-    /// this picture's edges are cut off.
+    /// Copies `other` with its top left corner to column `x`, row `y`; parts beyond this picture's edges are cut off.
     pub fn paste(&mut self, other: &Self, x: usize, y: usize) {
         if other.width == 0 || x >= self.width {
             return;
@@ -86,8 +85,7 @@ impl Picture {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
-    /// [Reduces](Self::box_filtered) the picture by the smallest whole factor that makes the longer side at most
-    /// `pixels`.
+    /// [Reduces](Self::box_filtered) by the smallest whole factor that makes the longer side at most `pixels`.
     pub fn reduced_to(&self, pixels: usize) -> Self {
         let factor = self.width.max(self.height).div_ceil(pixels.max(1));
         if factor <= 1 {
@@ -148,12 +146,10 @@ pub(crate) fn to_u8(value: f32) -> u8 {
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
-/// RGBA bytes `[n * 4]` with straight alpha. `rgb_over_black`: display-encoded colours of a render over black, `[n]`.
-/// `opacity`: opacity of the render, in [0, 1], `[n]`.
-///
-/// A render over black is premultiplied: the colour is divided by the opacity *as stored* in 8 bits, so that
-/// compositing the file over black gives the render again to within rounding. Where the opacity rounds to 0, the pixel
-/// is transparent black. Pixels beyond the shorter input are left out.
+/// RGBA bytes `[n * 4]`, straight alpha, of a render over black: `rgb_over_black`, display-encoded, `[n]`, and
+/// `opacity`, in [0, 1], `[n]`. The colour is divided by the opacity *as stored* in 8 bits, so that compositing the
+/// file over black gives the render again to within rounding. Where the opacity rounds to 0, the pixel is transparent
+/// black. Pixels beyond the shorter input are left out.
 pub fn straight_rgba8(rgb_over_black: &[[f32; 3]], opacity: &[f32]) -> Vec<u8> {
     let pixel = |(rgb, &opacity): (&[f32; 3], &f32)| {
         let alpha = to_u8(opacity);
@@ -163,9 +159,7 @@ pub fn straight_rgba8(rgb_over_black: &[[f32; 3]], opacity: &[f32]) -> Vec<u8> {
     rgb_over_black.iter().zip(opacity).flat_map(pixel).collect()
 }
 
-/// Writes an 8-bit RGBA PNG with straight alpha; see [`straight_rgba8`].
-///
-/// `rgb_over_black`: `[height * width]`, display-encoded. `opacity`: `[height * width]`, in [0, 1].
+/// Writes an 8-bit RGBA PNG with [straight alpha](straight_rgba8). `rgb_over_black`, `opacity`: `[height * width]`.
 pub fn write_rgba_png(
     path: impl AsRef<Path>,
     rgb_over_black: &[[f32; 3]],
@@ -179,11 +173,9 @@ pub fn write_rgba_png(
     Ok(write_atomic(path, &encode_png(&bytes, width, height, (ColorType::Rgba, BitDepth::Eight))?)?)
 }
 
-/// Writes a 16-bit grey PNG. The value `range.0` is written as 0, `range.1` as 65,535.
-///
-/// `values`: `[height * width]`, in the unit of `range`, for example world units. Values are clamped and rounded half
-/// up. NaN gives 0. If the range is empty, all values give 0. One grey level is (range.1 − range.0) / 65,535: store the
-/// range with the file.
+/// Writes a 16-bit grey PNG. The value `range.0` is written as 0, `range.1` as 65,535. `values`: `[height * width]`, in
+/// the unit of `range`, for example world units. Values are clamped and rounded half up. NaN gives 0. If the range is
+/// empty, all values give 0. One grey level is (range.1 − range.0) / 65,535: store the range with the file.
 pub fn write_grey16_png(
     path: impl AsRef<Path>,
     values: &[f32],

@@ -12,8 +12,7 @@ use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
 use nerf_core::simd::{Lanes, Op};
 
-/// Lower bound of the second moment in Adam's division, used in place of epsilon. The bound, 1e-15 squared, keeps every
-/// step finite.
+/// Lower bound of the second moment in Adam's division, 1e-15 squared, which keeps every step finite.
 const SMALLEST: f32 = 1e-30;
 
 #[derive(Clone, Copy)]
@@ -96,8 +95,7 @@ pub(super) fn move_values(
     }
 }
 
-/// Returns `1/√x` of a normal (not subnormal) number with a relative error of at most 5e-6. A square root and a
-/// division would take four times as long, and a learning rate is not known to that accuracy.
+/// Returns `1/√x` of a normal number with a relative error of at most 5e-6, faster than a root and a division.
 ///
 /// # Source
 /// Lomont 2003, with two Newton iterations.

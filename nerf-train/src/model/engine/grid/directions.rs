@@ -45,8 +45,7 @@ impl Directions {
 /// Returns the gradient of the loss with respect to the direction: `Jᵀ of_encoded`, with `J` the derivative of the
 /// spherical harmonics' polynomials. `of_encoded`: gradient of the loss with respect to each polynomial's value.
 ///
-/// The polynomials are those of [`encode_harmonics_block`], which are defined on the sphere alone: only the component
-/// perpendicular to the direction is meaningful.
+/// Only the component perpendicular to the direction is meaningful: the polynomials are defined on the sphere.
 pub(super) fn harmonics_gradient([x, y, z]: [f32; 3], of_encoded: &[f32]) -> Vec3 {
     let band3 = 0.457_045_8 * (1.0 - 5.0 * z * z);
     let by_dir = [

@@ -1,5 +1,4 @@
-//! Densities of a chunk's samples, evaluated in waves: a wave is the next eight samples of every ray that has not
-//! ended.
+//! Densities of a chunk's samples, in waves: a wave is the next eight samples of every ray that has not ended.
 
 use super::layers::Layer;
 use super::pass::{Job, T_MIN, grow};
@@ -53,8 +52,7 @@ impl Evaluated {
         Self { hidden: vec![Vec::new(); trunk], ..Self::default() }
     }
 
-    /// Evaluates sigma at the samples of `rays`, wave by wave. A ray ends when its transmittance is below `T_MIN`.
-    /// `first`: index in the batch of the first sample of `rays`.
+    /// Evaluates sigma at the samples of `rays`, wave by wave. `first`: index in the batch of their first sample.
     pub fn densities(
         &mut self,
         job: &Job<'_>,
@@ -121,8 +119,7 @@ impl Evaluated {
         }
     }
 
-    /// Sets the states of `rays` to "no sample evaluated yet". `first`: index in the batch of the rays' first sample.
-    /// Returns the index after their last sample.
+    /// Sets the states of `rays` to "no sample evaluated yet". Returns the index after their last sample.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();
@@ -190,8 +187,7 @@ impl Evaluated {
         let h = &self.hidden.last().unwrap_or(&self.encoded)[rows.start * across..];
         grow(&mut self.raw, stride * VECTOR);
         density.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
-        // Moves the first column of all rows to the beginning of the buffer. This is safe in place, since each value is
-        // read before it is overwritten.
+        // Moves the first column of all rows to the buffer's beginning; each value is read before it is overwritten.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];
         }

@@ -4,8 +4,7 @@ use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Kept samples, ray after ray, and the transmittance through all other samples. Only kept samples get a colour and
-/// gradients.
+/// Kept samples, ray after ray, and the transmittance through all others. Only kept samples get colour and gradients.
 pub(super) struct KeptSamples {
     /// Index in the batch of each kept sample.
     pub samples: Vec<usize>,
@@ -56,8 +55,7 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// Returns, for each kept sample, its distance from its ray's first kept sample, along the polyline through the
-    /// kept samples. `positions`: positions of the kept samples.
+    /// Returns each kept sample's distance from its ray's first one, along the polyline through the kept `positions`.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

@@ -1,5 +1,4 @@
-//! The dense layers of a grid field: `Y = act(X Wᵀ)`. The inputs `X` and the outputs `Y` have one row per sample,
-//! `[samples][channels]`.
+//! The dense layers of a grid field: `Y = act(X Wᵀ)`. Inputs `X` and outputs `Y` are `[samples][channels]`.
 //!
 //! Only the density head has a bias, which is not trained. The colour branch needs none, as the spherical harmonics
 //! include a constant. A hidden layer on learned features needs none either (as in tiny-cuda-nn).
@@ -26,8 +25,7 @@ impl Product {
         Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
     }
 
-    /// Copies `self.inputs` columns of `weights`, from column `first` on, to `forward` and `backward`. `weights`:
-    /// `[outputs][row]`, where `row` is the number of all inputs of the layer, main and extra.
+    /// Copies columns of `weights`, `[outputs][row]`, from column `first` on. `row`: number of main and extra inputs.
     fn load(&mut self, weights: &[f32], row: usize, first: usize) {
         let (across, back) = (padded(self.outputs), padded(self.inputs));
         for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {
@@ -38,8 +36,7 @@ impl Product {
         }
     }
 
-    /// Computes `y = act(init + x Wᵀ)` for `rows` samples. `x`: `[rows][x_row]`; `y`: `[rows][padded outputs]`. `act`:
-    /// ReLU if `relu`, else the identity.
+    /// Computes `y = act(init + x Wᵀ)`, with a ReLU if `relu`. `x`: `[rows][x_row]`; `y`: `[rows][padded outputs]`.
     #[allow(clippy::too_many_arguments, reason = "a product's")]
     pub fn forward(
         &self,
@@ -56,8 +53,7 @@ impl Product {
         gemm(isa, g, x, &self.forward, y, init, relu);
     }
 
-    /// Computes the gradient of the loss with respect to the inputs, `dx = init + dy W`. `dy`:
-    /// `[rows][padded outputs]`, `dx`: `[rows][padded inputs]`.
+    /// Computes the inputs' gradient `dx = init + dy W`. `dy`: `[rows][padded outputs]`, `dx`: `[rows][padded inputs]`.
     pub fn backward(&self, isa: Isa, rows: usize, dy: &[f32], dx: &mut [f32], init: Init<'_>) {
         let n = padded(self.inputs);
         let g =
@@ -65,15 +61,13 @@ impl Product {
         gemm(isa, g, dy, &self.backward, dx, init, false);
     }
 
-    /// Adds the gradient with respect to the weights, `xᵀ dy`, to `sum`, `[inputs][padded outputs]`. `x`:
-    /// `[rows][x_row]`.
+    /// Adds the weights' gradient, `xᵀ dy`, to `sum`, `[inputs][padded outputs]`. `x`: `[rows][x_row]`.
     pub fn add_gradient(&self, isa: Isa, rows: usize, x: &[f32], x_row: usize, dy: &[f32], sum: &mut [f32]) {
         let n = padded(self.outputs);
         let g = Gemm { m: self.inputs, n, k: rows, a_row: 1, a_col: x_row, b_row: n, c_row: n };
         gemm(isa, g, x, dy, sum, Init::Accumulate, false);
     }
 
-    /// Returns the length of `sum` in [`Self::add_gradient`].
     fn sum_len(&self) -> usize {
         self.inputs * padded(self.outputs)
     }
@@ -167,8 +161,7 @@ impl LayerSums {
         self.main.iter_mut().chain(&mut self.extra).for_each(|sum| sum.fill(0.0));
     }
 
-    /// Writes the total of all `sums`, added in order, to `gradient`, which is in the order of the parameters. Biases
-    /// get 0.
+    /// Writes the total of all `sums`, added in order, to `gradient`, which is in the parameters' order; biases get 0.
     pub fn reduce<'s>(layers: &Layers, sums: impl Iterator<Item = &'s Self> + Clone, gradient: &mut [f32]) {
         gradient.fill(0.0);
         for (l, Layer { dense, main, extra }) in layers.all().enumerate() {

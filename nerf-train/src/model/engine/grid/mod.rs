@@ -66,8 +66,7 @@ use std::sync::{Mutex, MutexGuard};
 const ACCUMULATORS: usize = 16;
 /// Largest number of rays of a chunk. All activations of their samples then fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Smallest number of chunks into which a batch is cut, so that every thread has work. A small batch is cut into fewer
-/// chunks, of at least `FEWEST_RAYS` rays.
+/// Smallest number of chunks of a batch, so that every thread has work; chunks have at least `FEWEST_RAYS` rays.
 const FEWEST_CHUNKS: usize = 6;
 const FEWEST_RAYS: usize = 8;
 /// Number of rays of a chunk of a 2D field, whose rays have one sample.
@@ -80,14 +79,12 @@ pub struct GridEngine {
     bounds: SceneBox,
     isa: Isa,
     adam: Adam,
-    /// Parameters, moments, step count and quantisation steps. The gradients that hashed levels accumulate are not in
-    /// here, but in `sums`.
+    /// Parameters, moments, step count and quantisation steps; gradients accumulated for hashed levels are in `sums`.
     state: OptimiserState,
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    /// Copy of the tables in f16, from which training reads them. This halves the memory traffic. An export to f16
-    /// stores exactly the values that training reads.
+    /// Copy of the tables in f16, which training reads: half the memory traffic, and the values of an f16 export.
     halves: Vec<u8>,
     level_scratch: Vec<Mutex<LevelScratch>>,
     /// For each level: gradient summed since the level's last update, or `None` if every step updates the level.
@@ -96,8 +93,7 @@ pub struct GridEngine {
 }
 
 impl GridEngine {
-    /// Creates an engine with the random initial parameters of `seed`. `bounds`: box of the grid; a 2D field uses its x
-    /// and y.
+    /// Creates an engine with the initial parameters of `seed`. `bounds`: box of the grid; a 2D field uses its x and y.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
@@ -142,8 +138,7 @@ impl GridEngine {
         self.isa = isa;
     }
 
-    /// Returns the loss of a batch that [`Batch::check`] accepted. Writes the layers' gradient to `gradient`, and the
-    /// samples' gradients to `passes`.
+    /// Returns the loss of a batch that [`Batch::check`] accepted; writes gradients to `gradient` and `passes`.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         self.layers.load(&self.state.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
@@ -199,8 +194,7 @@ fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
-/// Returns, for each of `views` photographs, the gradient with respect to its log gain, summed over the photograph's
-/// rays.
+/// Returns, for each of `views` photographs, the gradient with respect to its log gain, summed over its rays.
 fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0f32; 3]; views];
     for (view, gradient) in gains {
@@ -348,9 +342,7 @@ fn front<'a, T>(values: &mut &'a mut [T], length: usize) -> &'a mut [T] {
     values.split_off_mut(..length).expect("values for all layers and levels")
 }
 
-/// Returns the model's grid. Returns an error for a model that the grid engines cannot train: one without a grid;
-/// one with a feature layer, a density scale other than 1, or a density that is not exponential; or one with a density
-/// and one colour per sample.
+/// Returns the model's grid, or an error for a model that the grid engines cannot train.
 fn check_plain(model: &Model) -> Result<GridEncoding, EngineError> {
     model.check()?;
     let grid = model.architecture.position.grid().cloned().ok_or(EngineError::NoGrid)?;

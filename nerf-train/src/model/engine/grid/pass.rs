@@ -73,8 +73,7 @@ pub(super) struct Scratch {
     by_weight: Vec<f32>,
     /// Distance of each kept sample from the kept sample before it.
     gaps: Vec<f32>,
-    /// Gradient of the loss with respect to each kept sample's raw density, `[samples][VECTOR]`; only the first column
-    /// is used.
+    /// Gradient with respect to each kept sample's raw density, in the first column of `[samples][VECTOR]`.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -151,8 +150,7 @@ impl Scratch {
         }
     }
 
-    /// Returns the sum of the rays' squared errors. Sets `by_shown`, `by_transmittance` and `by_weight`. The terms of
-    /// `by_weight` through the colour are still missing; `backward` adds them.
+    /// Returns the sum of squared errors. Sets `by_shown`, `by_transmittance` and, without colour terms, `by_weight`.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         self.by_shown.clear();
@@ -245,9 +243,8 @@ impl Scratch {
     }
 }
 
-/// Adds the gradient of a ray's depth loss with respect to its samples' weights to `by_weight`. Returns the gradient of
-/// the depth loss with respect to the transmittance after the last sample. `index`: index of the ray in the batch;
-/// `ray`: its index in the chunk.
+/// Adds the gradient of a ray's depth loss with respect to its samples' weights to `by_weight`. Returns its gradient
+/// with respect to the transmittance after the last sample. `index`, `ray`: the ray's index in the batch, in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,
@@ -294,8 +291,7 @@ fn raw_densities(
     }
 }
 
-/// Returns the error of a channel: rendered value `shown` minus target `rgb`. Returns 0 if the photograph has a gain,
-/// `rgb` is clipped at white, and `shown` is beyond white.
+/// Returns a channel's error, `shown − rgb`. With a gain, 0 if `rgb` is clipped at white and `shown` is beyond white.
 fn clipped_error(shown: f32, rgb: f32, gain: f32) -> f32 {
     if gain != 1.0 && rgb >= CLIPPED && shown > 1.0 { 0.0 } else { shown - rgb }
 }

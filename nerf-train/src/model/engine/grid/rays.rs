@@ -19,9 +19,8 @@ pub(super) struct RayScratch {
 impl RayScratch {
     /// Appends to `found`, for each ray with kept samples, the gradient of the loss with respect to the ray.
     ///
-    /// A sample is at `p = origin + t dir`. dL/d origin is the sum of dL/dp over the samples, and dL/d dir is the sum
-    /// of t dL/dp plus the gradient through the colour branch. `by_encoded`: gradient of the loss with respect to the
-    /// encoded positions of the kept samples, `[samples][padded outputs]`.
+    /// A sample is at `p = origin + t dir`: dL/d origin is Σ dL/dp; dL/d dir is Σ t dL/dp plus the colour branch's
+    /// part. `by_encoded`: gradient with respect to the kept samples' encoded positions, `[samples][padded outputs]`.
     pub fn gradients(
         &mut self,
         job: &Job<'_>,
@@ -85,8 +84,7 @@ impl RayScratch {
 /// the first: any finite number). `gradient`: `[samples]`.
 ///
 /// # Source
-/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: the term of each interval's own width is left out, as the
-/// widths are given.
+/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: no term of an interval's own width, as widths are given.
 pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut [f32]) {
     // Two sums over the samples in front: of weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);

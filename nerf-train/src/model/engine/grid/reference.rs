@@ -40,7 +40,6 @@ pub struct GridReferenceEngine {
     device: Cpu,
 }
 
-/// Results for each ray of the last step: gradients with respect to gains, and colour errors.
 #[derive(Default)]
 struct OfRays {
     /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
@@ -226,8 +225,7 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Does an Adam step for the layers, the dense levels, and the hashed levels that this step updates. Accumulates
-    /// the gradients of all other hashed levels.
+    /// Does an Adam step for layers and levels that this step updates; accumulates the other levels' gradients.
     fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);

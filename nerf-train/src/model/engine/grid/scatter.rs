@@ -85,8 +85,7 @@ pub(super) struct LevelState<'a> {
 /// Gradient of the loss with respect to the values of a level; Adam's update resets it to 0.
 #[derive(Clone, Debug)]
 pub(super) struct LevelSum {
-    /// Gradient, `[entries][features]`, and one part of padding: adjacent entries are written in pairs, and a pair may
-    /// begin at the last entry.
+    /// Gradient, `[entries][features]`, and one part of padding, as entries are written in adjacent pairs.
     gradient: Vec<f32>,
     /// For each part: whether a written pair of adjacent entries begins in it. The pair may end in the next part.
     touched: Vec<bool>,
@@ -187,8 +186,7 @@ impl LevelSum {
     }
 }
 
-/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to the gradients of the table entries that the
-/// samples read.
+/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to those of the entries that they read.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],
@@ -201,8 +199,7 @@ struct Add<'a> {
     touched: &'a mut [bool],
 }
 
-/// [`Add`] with sizes known at compile time: `ROWS` pairs of adjacent entries per cell, `F` values per entry, `F2`
-/// values per pair.
+/// [`Add`] with sizes known at compile time: `ROWS` pairs of entries per cell, `F` values per entry, `F2` per pair.
 struct Features<'a, const ROWS: usize, const F: usize, const F2: usize>(Add<'a>);
 
 impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROWS, F, F2> {
@@ -240,8 +237,7 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
     }
 }
 
-/// Applies Adam to those values of a level that have a gradient other than 0. Then resets the gradient to 0 and updates
-/// the f16 copy.
+/// Applies Adam to a level's values with a gradient other than 0, resets the gradient and updates the f16 copy.
 struct Update<'a, 's, 'l> {
     adam: AdamStep,
     gradient: &'a mut [f32],

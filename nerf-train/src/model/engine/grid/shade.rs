@@ -38,8 +38,7 @@ impl<'a> Shaded<'a> {
     }
 }
 
-/// Forward and backward pass of the colour branch. The buffers are for one thread, and have one row for each ray with
-/// kept samples.
+/// Forward and backward pass of the colour branch; its buffers have one row for each ray with kept samples.
 #[derive(Default)]
 pub(super) struct Shade {
     /// For each ray of the chunk: its row in the buffers; undefined for a ray without kept samples.
@@ -70,9 +69,8 @@ impl Shade {
         Self { coloured: vec![Vec::new(); layers.colour.len()], ..Self::default() }
     }
 
-    /// Does the backward pass of the colour branch, and adds the gradients of its weights to `sums`. The buffer
-    /// `self.upper` holds dL/d (colour before the sigmoid) before the call, and dL/dP after it. `by_rays`: whether to
-    /// compute `self.by_encoded_dir`, too.
+    /// Does the backward pass of the colour branch, and adds its weights' gradients to `sums`. `self.upper`: dL/d
+    /// (colour before the sigmoid) before the call, dL/dP after it. `by_rays`: whether to set `self.by_encoded_dir`.
     fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {
@@ -154,9 +152,8 @@ impl Shade {
         })
     }
 
-    /// Does the backward pass from `by_shown`, the gradient of the loss with respect to each ray's composited colour.
-    /// Adds dL/d (colour branch's parameters) to `sums`, and dL/d (compositing weight) of each sample to `by_weight`.
-    /// Writes dL/d (features) of each sample to `by_features`, `[samples][padded features]`.
+    /// Does the backward pass from `by_shown`, dL/d (each ray's composited colour). Adds the colour branch's gradients
+    /// to `sums`, and dL/dw_i to `by_weight`. Writes dL/dh_i to `by_features`, `[samples][padded features]`.
     pub fn backward(
         &mut self,
         job: &Job<'_>,

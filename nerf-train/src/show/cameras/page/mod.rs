@@ -18,8 +18,7 @@ const SCRIPT: &str = include_str!("viewer.js");
 const VIEW: &str = include_str!("view.js");
 const SELF_TEST: &str = include_str!("selftest.js");
 
-/// Number of quantisation steps from near to far: each distance is stored as a multiple of a step. A step is finer than
-/// a pixel.
+/// Number of quantisation steps from near to far for stored distances. A step is finer than a pixel.
 const STEPS: f32 = 65_535.0;
 const COLOURS: usize = 64;
 const DISTANCE_MAP: ColourMap = ColourMap::Viridis;
@@ -197,8 +196,7 @@ fn escaped(text: &str) -> String {
     safe
 }
 
-/// Escapes `<` in JSON, so that no string can close the script element that holds the JSON. Outside of strings, JSON
-/// has no `<`.
+/// Escapes `<` in JSON, so that no string can close the script element. Outside of strings, JSON has no `<`.
 fn in_script(json: &str) -> String {
     printable::json(json).replace('<', "\\u003c")
 }

@@ -127,8 +127,7 @@ impl Scene {
         Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes, findings })
     }
 
-    /// Outline of the scene as polylines, world units: the edges of the scene box, or for an unbounded scene three
-    /// circles around the inner ball, which is not contracted.
+    /// Outline of the scene as polylines, world units: edges of the scene box; if unbounded, circles at the inner ball.
     pub fn outline(&self) -> Vec<Vec<Vec3>> {
         const EDGE: usize = 8;
         const CIRCLE: usize = 64;
@@ -160,8 +159,7 @@ impl Scene {
     /// Direction from the scene to a viewpoint that shows the cameras from the side, at `elevation` degrees.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
-        // Cameras in an unbounded scene may look outward from its middle, so the direction behind a camera is opposite
-        // to its viewing direction.
+        // Cameras inside an unbounded scene may look outward: behind is then opposite to the viewing direction.
         let behind = |camera: &ShownCamera| match self.bounds.contraction {
             Some(_) => -camera.camera.pose().forward(),
             None => camera.camera.pose().position - self.centre(),

@@ -4,8 +4,7 @@ use crate::measure::point::Clock;
 use crate::show::plot::{Marker, Series};
 use std::path::Path;
 
-/// Pareto front in the points.csv at `path`, as a series for the plot: PSNR over seconds per view. The series is named
-/// after the file's folder.
+/// Pareto front in the points.csv at `path`: PSNR over seconds per view, as a series named after the file's folder.
 pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     let refused = |found: String| {
         anyhow::anyhow!("--beside: {}: expected the points.csv of a study, found {found}", path.display())
@@ -44,8 +43,7 @@ pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
 mod tests {
     use super::*;
 
-    /// Front of a points.csv with the content `text`. The file lies in a folder named `classic`, which gives the series
-    /// its name.
+    /// Front of a points.csv with the content `text`, in a folder named `classic`.
     fn read(text: &str, clock: Clock) -> anyhow::Result<Series> {
         let folder = tempfile::tempdir().expect("a folder");
         let table = folder.path().join("classic/points.csv");

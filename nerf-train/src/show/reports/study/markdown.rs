@@ -21,8 +21,7 @@ pub(super) fn markdown(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>) -
     text
 }
 
-/// Writes which data and machine the study used, and the largest speed-ups at a PSNR loss of at most `SPAN_LOSS_DB`.
-/// `line`: function that writes a paragraph.
+/// Writes data, machine, and the largest speed-ups at a PSNR loss of at most `SPAN_LOSS_DB`, as paragraphs by `line`.
 fn head(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>, line: Line<'_>) {
     let study = findings.study;
     line(format_args!(

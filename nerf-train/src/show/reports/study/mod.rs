@@ -57,16 +57,14 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Some((1.0 / self.times[point], point))
     }
 
-    /// Plot of PSNR over seconds per view: all points, coloured by file size, and the Pareto front as a line through
-    /// numbered points.
+    /// Plot of PSNR over seconds per view: points coloured by file size, and the front through numbered points.
     fn plot(&self, setting: &Setting<'_>) -> LinePlot {
         let clock = self.study.effort.clock;
         let name = if clock == Clock::Wall { "seconds a view" } else { "CPU seconds a view" };
         let title = format!("{}: what accuracy costs in time", setting.data);
         let mut plot = LinePlot::new(title, name, format!("PSNR, dB, on {}", setting.background));
         let exact = self.study.points[0].seconds(clock).map_or(1.0, |s| s.median);
-        // Times are relative to the exact rendering in the same round of timing, so that the machine's load cancels
-        // out.
+        // Times are relative to the exact rendering in the same round, so that the machine's load cancels out.
         let place = |i: usize| (self.times[i] * exact, self.totals[0].psnr_db - self.totals[i].loss_db);
         let series = |name: &str, which: Vec<usize>, marker| Series {
             name: name.into(),

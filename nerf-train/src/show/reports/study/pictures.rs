@@ -7,8 +7,7 @@ use crate::show::colour_map::{ColourMap, with_legend};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use std::path::Path;
 
-/// Colour difference at the bright end of the colour map: the largest of the three channels' differences, for
-/// display-encoded colours of 0 to 1. Larger differences have the same colour.
+/// Largest difference of a colour channel, 0 to 1, that the colour map distinguishes: its bright end.
 const BRIGHTEST: f32 = 0.25;
 
 /// Writes pictures of the first view that the study timed: `ends.png`, and a file for each picture of a difference.

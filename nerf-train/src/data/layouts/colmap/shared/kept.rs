@@ -1,5 +1,4 @@
-//! File of shared cameras next to a `.nerf` blob: a reconstruction adjusted to one camera (set of intrinsics) per
-//! device.
+//! File of shared cameras next to a `.nerf` blob: a reconstruction adjusted to one camera per device.
 
 use crate::data::DatasetError;
 use crate::data::layouts::colmap::model::{Camera, Kind};
@@ -23,8 +22,7 @@ pub(super) struct Shared {
     pub(super) devices: Vec<Adjusted>,
     /// Mean reprojection error before and after the adjustment, pixels.
     pub(super) reprojection_error_px: [f64; 2],
-    /// Median and largest shift of the cameras. A camera's shift is its displacement divided by the median depth of
-    /// the points that it sees.
+    /// Median and largest shift of the cameras, each divided by the median depth of the points that the camera sees.
     pub(super) moved: [f64; 2],
     /// For each camera: width and height in pixels, and the parameters of COLMAP's camera model `OPENCV`.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
@@ -50,8 +48,7 @@ pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
 }
 
 impl Shared {
-    /// Reads `file`. `None` if the file does not exist, was made from another reconstruction, or refers to a camera
-    /// that it lacks. `model`: checksum of the present reconstruction.
+    /// Reads `file`; `None` if it does not exist, belongs to another `model` (checksum), or refers to a missing camera.
     pub(super) fn read(file: &Path, model: u64) -> Result<Option<Self>, DatasetError> {
         let bytes = match read_limited(file, MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

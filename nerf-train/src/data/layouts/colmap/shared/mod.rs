@@ -1,5 +1,4 @@
-//! Shared cameras. A reconstruction may have a camera (set of intrinsics) for each photograph. This module gives all
-//! photographs of one device the same camera, and adjusts the reconstruction again.
+//! Shared cameras: gives all photographs of one device one camera (set of intrinsics), and adjusts the model again.
 
 mod kept;
 
@@ -16,20 +15,17 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Largest number of photographs of a reconstruction that is adjusted. The time grows with the cube of this number; at
-/// the limit it is half a minute.
+/// Largest number of photographs that are adjusted. The time grows with its cube; at the limit it is half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
 const MAX_GROWTH: f64 = 1.25;
 /// Pixels are taken as square if fy / fx differs from 1 by less than this.
 const SQUARE: f64 = 0.02;
-/// Version of the algorithm that adjusts a reconstruction to shared cameras. The checksum in a file of shared cameras
-/// includes this version: a new version makes existing files invalid.
+/// Version of the adjustment, part of the checksum: a new version makes existing files of shared cameras invalid.
 const VERSION: u64 = 1;
 
-/// Adjusts a reconstruction to one camera per device, adds a note on the result to `found`, and returns true. If no
-/// device has several cameras to merge, changes nothing and returns false. If the cameras cannot be merged, adds a
-/// warning that says why, and returns false. `file`: file of the reconstruction, for errors.
+/// Adjusts a reconstruction to one camera per device, adds a note to `found`, and returns true. Returns false if no
+/// device has several cameras to merge or, with a warning, if they cannot be merged. `file`: named in errors.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -84,8 +80,7 @@ pub(super) fn settle(
     Ok(true)
 }
 
-/// Index of the device of each photograph. Devices are told apart by picture size and EXIF tags. `None` if no device
-/// has several cameras to merge.
+/// Device index of each photograph, by picture size and EXIF tags; `None` if no device has several cameras to merge.
 fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Vec<usize>> {
     if model.cameras.len() < 2 {
         return None;
@@ -130,8 +125,7 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Prepares the adjustment of `model`. `None` if no point is seen in several photographs, or if a lens cannot be
-    /// adjusted.
+    /// Prepares the adjustment; `None` if no point is seen in several photographs, or if a lens cannot be adjusted.
     fn of(
         model: &'a Model,
         points: &Points,
@@ -197,8 +191,7 @@ impl<'a> Task<'a> {
             moved: [median(moved), largest],
             ..self.posed(&bundle)
         };
-        // Converts to JSON and back, because JSON may lose a number's last digit: the result then equals that of
-        // reading the file.
+        // Converts to JSON and back: JSON may lose a number's last digit, and reading the file must give this result.
         let same = serde_json::to_vec(&shared).and_then(|bytes| serde_json::from_slice(&bytes));
         same.map_err(|error| DatasetError::io(Path::new("shared cameras"), error.into()))
     }

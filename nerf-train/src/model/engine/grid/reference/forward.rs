@@ -124,8 +124,7 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// Returns, for each corner of the cell around `unit`, the index of its table entry and its trilinear weight. Indices
-/// count the entries of all levels. `unit`: position in the grid's box, 0 to 1.
+/// Returns the table index, over all levels, and trilinear weight of each cell corner around `unit`, 0 to 1.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;
