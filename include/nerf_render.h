@@ -49,32 +49,32 @@
 #define NERF_NONE -1.0f
 
 /**
- * Requests colour.
+ * Flag that requests colour: `rgb` of `nerf_target` or `nerf_points`.
  */
 #define NERF_OUTPUT_RGB 1
 
 /**
- * Requests opacity.
+ * Flag that requests `opacity` of `nerf_target`.
  */
 #define NERF_OUTPUT_OPACITY 2
 
 /**
- * Requests the mean distance along the ray.
+ * Flag that requests the mean distance along the ray: `ray_distance` of `nerf_target`.
  */
 #define NERF_OUTPUT_RAY_DISTANCE 4
 
 /**
- * Requests the mean distance along the view axis.
+ * Flag that requests the mean distance along the view axis: `z_depth` of `nerf_target`.
  */
 #define NERF_OUTPUT_Z_DEPTH 8
 
 /**
- * Requests the median distance, at which transmittance along the ray falls below one half.
+ * Flag that requests the median distance, at which transmittance along the ray falls below one half.
  */
 #define NERF_OUTPUT_MEDIAN_DISTANCE 16
 
 /**
- * Requests normals.
+ * Flag that requests `normals` of `nerf_target`.
  */
 #define NERF_OUTPUT_NORMALS 32
 
@@ -99,7 +99,7 @@ enum nerf_status
      */
     NERF_STATUS_STRUCT_SIZE = 2,
     /**
-     * A reserved field, or a field this library does not know, is not zero.
+     * A reserved field is not zero; or a field of a newer header, unknown to this library, is not zero.
      */
     NERF_STATUS_RESERVED = 3,
     /**
@@ -135,7 +135,8 @@ enum nerf_status
      */
     NERF_STATUS_RECT = 11,
     /**
-     * The target has no plane, a plane that this call or worker does not accept, or a wrong format or stride.
+     * The target has no plane at all, or one of its planes has a wrong format or stride, or is not accepted by this
+     * call, worker or options.
      */
     NERF_STATUS_TARGET = 12,
     /**
@@ -176,7 +177,7 @@ enum nerf_status
     NERF_STATUS_OUT_OF_MEMORY = 21,
     /**
      * A ray has a direction that is not of unit length, an origin that is not finite, or an invalid range or random
-     * number; or rays for `nerf_render_rays` have random numbers.
+     * number; or `nerf_render_rays` was given random numbers.
      */
     NERF_STATUS_RAY = 22,
     /**
@@ -188,7 +189,7 @@ enum nerf_status
      */
     NERF_STATUS_BUSY = 24,
     /**
-     * The bytes do not begin as a scene file does.
+     * The bytes do not begin with the signature of a scene file.
      */
     NERF_STATUS_BLOB_MAGIC = 32,
     /**
@@ -208,7 +209,7 @@ enum nerf_status
      */
     NERF_STATUS_BLOB_ENDIAN = 36,
     /**
-     * The scene file has flags this library does not know.
+     * The scene file has flags or reserved bytes that this library does not know.
      */
     NERF_STATUS_BLOB_FLAGS = 37,
     /**
@@ -240,8 +241,8 @@ enum nerf_kernel
  {
     /**
      * The fastest instruction set of this machine. In a library built with std, the environment variable `NERF_KERNEL`
-     * can name another ("portable", "avx2", "avx512", "simd128", "neon", each followed by "-f16" or "-bf16" if weights
-     * are not f32).
+     * can name another: "portable", "avx2", "avx512", "simd128" or "neon". With `NERF_STORAGE_AUTO`, the variable also
+     * selects the storage of the weights: f16 or bf16 if "-f16" or "-bf16" follows the name, else f32.
      */
     NERF_KERNEL_AUTO = 0,
     /**
@@ -257,7 +258,8 @@ enum nerf_kernel
      */
     NERF_KERNEL_AVX512 = 3,
     /**
-     * WebAssembly SIMD: faster than portable code, with bit-identical results. Only in a library built with `simd128`.
+     * WebAssembly SIMD: faster than portable code, with bit-identical results. Only in a library built with the target
+     * feature `simd128`.
      */
     NERF_KERNEL_SIMD128 = 4,
     /**
@@ -274,7 +276,7 @@ typedef uint32_t nerf_kernel;
 #endif // __cplusplus
 
 /**
- * The content of a scene file.
+ * Kind of content of a scene file.
  */
 enum nerf_kind
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -299,7 +301,7 @@ typedef uint32_t nerf_kind;
 #endif // __cplusplus
 
 /**
- * Lens model of a `nerf_camera`, which gives the distortion coefficients their meaning.
+ * Lens model of a `nerf_camera`. The model determines what the distortion coefficients mean.
  */
 enum nerf_lens_model
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -307,8 +309,8 @@ enum nerf_lens_model
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * Perspective camera with the distortion of OpenCV. COLMAP calls the model OPENCV if only `k1 k2 p1 p2` are used,
-     * FULL_OPENCV with all eight coefficients. `k4 k5 k6` are in the denominator of the radial factor.
+     * Perspective camera with the distortion of OpenCV. COLMAP's model OPENCV has the coefficients `k1 k2 p1 p2`, its
+     * model FULL_OPENCV all eight. `k4 k5 k6` are in the denominator of the radial factor.
      */
     NERF_LENS_MODEL_RADIAL_TANGENTIAL = 0,
     /**
@@ -334,7 +336,7 @@ enum nerf_maths
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * Elementary functions (exp, sin, ...) by the library's own polynomials, vectorised.
+     * The library's own polynomials, vectorised.
      */
     NERF_MATHS_POLYNOMIAL = 0,
     /**
@@ -346,8 +348,8 @@ enum nerf_maths
      */
     NERF_MATHS_MICROMATH = 2,
     /**
-     * As `NERF_MATHS_POLYNOMIAL`, but sin and cos of each level of the positional encoding come from the level below
-     * by angle doubling: errors grow with the level.
+     * As `NERF_MATHS_POLYNOMIAL`, but the positional encoding computes sin and cos of each frequency from the next
+     * lower one by angle doubling: errors grow with the frequency.
      */
     NERF_MATHS_RECURRENCE = 3,
 };
@@ -405,8 +407,8 @@ typedef uint32_t nerf_format;
 #endif // __cplusplus
 
 /**
- * Choice of quality settings by the largest allowed PSNR loss. The loss is the PSNR of the exact rendering minus the
- * PSNR with the settings, dB, against ground truth, as measured for each point of the scene's Pareto front.
+ * Choice of quality settings by the largest allowed loss of PSNR. The loss is the PSNR of the exact rendering minus
+ * the PSNR with the settings, dB. A study has measured the loss for each point of the scene's Pareto front.
  */
 enum nerf_preset
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -451,17 +453,16 @@ enum nerf_storage
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * The library chooses f32. A build without vector instructions, such as for microcontrollers, chooses f16 and
-     * reads the weights directly from the scene file's bytes.
+     * f32; but f16 in a library built without vector instructions, such as for microcontrollers.
      */
     NERF_STORAGE_AUTO = 0,
     /**
-     * f16, read directly from the scene file's bytes: the weights take no memory in the scene.
+     * f16, read directly from the scene file's bytes: the weights take no memory besides these bytes.
      */
     NERF_STORAGE_F16 = 1,
     /**
      * f32, converted from f16 without rounding when the scene is opened: faster than f16. The tables of a learned grid
-     * are not converted but read from the scene file's bytes; only the WebAssembly kernel converts f16 tables.
+     * are read directly from the scene file's bytes; only the WebAssembly kernel converts f16 tables to f32.
      */
     NERF_STORAGE_F32 = 2,
     /**
@@ -553,14 +554,14 @@ typedef struct nerf_scene nerf_scene;
 /**
  * A worker, which lies at the beginning of the memory that it was opened in, and borrows the scenes.
  *
- * A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call is
- * `NERF_STATUS_BUSY`, as is every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses the
- * worker's memory or a scene's memory.
+ * A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call
+ * returns `NERF_STATUS_BUSY`, as does every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses
+ * the worker's memory or a scene's memory.
  */
 typedef struct nerf_worker nerf_worker;
 
 /**
- * Options of opening a scene; NULL means all zeros.
+ * Options for opening a scene. A NULL pointer to options means options of all zeros.
  */
 typedef struct nerf_open_options {
     /**
@@ -621,8 +622,9 @@ typedef struct nerf_scene_info {
      */
     float box_max[3];
     /**
-     * Distance at which the scene begins on the rays of its training cameras, world units. Half way between near and
-     * far distance is a good camera distance; any other works as well. (`near` alone is a macro on Windows.)
+     * Distance at which the scene begins on the rays of its training cameras, world units. The mean of near and far is
+     * a good distance from a camera to the middle of the scene box; other distances work, too. (The name is not
+     * `near`, which is a macro in Windows headers.)
      */
     float near_distance;
     /**
@@ -630,9 +632,10 @@ typedef struct nerf_scene_info {
      */
     float far_distance;
     /**
-     * The scene's own number of samples per ray: between near and far, or if `step` is not 0, along the diagonal of
-     * the scene box. In an unbounded scene: on a ray through the middle of the ball of `contraction_radius`, from
-     * where the ray enters the ball to `far_distance` behind the middle.
+     * The scene's own number of samples per ray. If `step` is 0: number of samples between near and far, in equal bins
+     * or placed by a proposal network. Otherwise: number of steps along the diagonal of the scene box. In an unbounded
+     * scene: number of steps along a ray through the centre of the ball of radius `contraction_radius`. These steps
+     * begin where the ray enters the ball, and end at distance `far_distance` beyond the centre.
      */
     uint32_t samples;
     /**
@@ -672,11 +675,12 @@ typedef struct nerf_scene_info {
      */
     uint32_t colour_widths[4];
     /**
-     * Mean PSNR over the validation views, dB; NaN if there were none.
+     * Mean PSNR over the validation views, dB; NaN if there were no such views.
      */
     float psnr_db;
     /**
-     * Loss of PSNR on the validation views, dB, by rounding the weights and tables for the file; NaN if not measured.
+     * Loss of PSNR, dB, caused by the rounding of weights and tables to the file's formats; measured on validation
+     * views. NaN if not measured.
      */
     float quantisation_loss_db;
     /**
@@ -724,7 +728,8 @@ typedef struct nerf_scene_info {
      */
     uint32_t proposal_samples;
     /**
-     * Number of points of the Pareto front (PSNR against multiply-adds), which a study measured; 0 without one.
+     * Number of points of the Pareto front (PSNR against multiply-adds) that a study measured; 0 if there was no
+     * study.
      */
     uint32_t front_points;
     /**
@@ -732,8 +737,9 @@ typedef struct nerf_scene_info {
      */
     uint64_t proposal_macs;
     /**
-     * Distance between samples in a scene that is marched through its box, world units; 0 if samples lie in equal bins
-     * between near and far. In an unbounded scene, steps grow outside the ball of `contraction_radius`.
+     * Distance between samples on a ray through the scene box, world units. 0 if samples lie between near and far, in
+     * equal bins or placed by a proposal network. In an unbounded scene, the distance grows outside the ball of
+     * `contraction_radius`.
      */
     float step;
     /**
@@ -741,13 +747,15 @@ typedef struct nerf_scene_info {
      */
     uint32_t table_storage;
     /**
-     * Radius of the ball around the middle of an unbounded scene's box, world units; 0 if the scene ends at its box.
-     * Space outside the ball is contracted into the box, a cube with sides of 4 radii.
+     * Radius of the ball around the centre of an unbounded scene's box, world units; 0 if the scene ends at its box.
+     * All space outside the ball is contracted into the box, a cube whose side is 4 radii.
      */
     float contraction_radius;
     /**
-     * Power that sets how steps on a ray grow outside the ball of `contraction_radius`: 1 (uniform in disparity), 2,
-     * or 4 (nearly uniform in the logarithm of the distance); 0 if the scene ends at its box.
+     * Exponent `p` of the growth of steps outside the ball of `contraction_radius`: 1, 2 or 4; 0 if the scene ends at
+     * its box. Samples are equally spaced in a position `s` along the ray. The distance from the ray's point nearest
+     * to the ball's centre is `s` radii up to `s = 1`, and `(1 - (s - 1) / p)^-p` radii beyond. With 1, samples are
+     * uniform in disparity (1 / distance); with 4, nearly uniform in the logarithm of the distance.
      */
     uint32_t contraction_power;
     /**
@@ -860,11 +868,12 @@ typedef struct nerf_camera {
  */
 typedef struct nerf_instance {
     /**
-     * `sizeof(nerf_instance)`. In an array, all instances have the same value, which is the array's stride.
+     * `sizeof(nerf_instance)`. In an array, all instances have the same `struct_size`, which is the array's stride,
+     * bytes.
      */
     size_t struct_size;
     /**
-     * Scene that is placed.
+     * Scene that the transform places in the world.
      */
     const struct nerf_scene *scene;
     /**
@@ -890,7 +899,8 @@ typedef struct nerf_effects {
      */
     uint32_t anti_aliasing;
     /**
-     * Seed of random positions of samples in their intervals and of rays on the aperture; taken as 0 if `jitter` is 0.
+     * Seed of the random positions of samples, and of random points on the aperture; read only if `jitter` is 1. If
+     * `jitter` is 0, the points on the aperture are drawn from seed 0, so that every frame has the same points.
      */
     uint64_t seed;
     /**
@@ -924,9 +934,11 @@ typedef struct nerf_effects {
 /**
  * Options of a frame: quality settings, batch sizes, distances and effects.
  *
- * NULL in place of options, or zeros in all fields except `struct_size`, selects the defaults: cuts without a visible
- * difference. The exact rendering evaluates every sample in the scene box: `transmittance_cut` and `colour_cut` are
- * `NERF_NONE`, and `ignore_occupancy` is 1 unless the scene requires its occupancy grid.
+ * NULL in place of options, or zeros in all fields except `struct_size`, selects the defaults: empty cells are
+ * skipped, a ray ends once it is nearly opaque, and colours of low weight are not evaluated. The image has no visible
+ * difference from the exact rendering. The exact rendering evaluates every sample in the scene box:
+ * `transmittance_cut` and `colour_cut` are `NERF_NONE`, and `ignore_occupancy` is 1 unless the scene requires its
+ * occupancy grid.
  */
 typedef struct nerf_render_options {
     /**
@@ -934,10 +946,11 @@ typedef struct nerf_render_options {
      */
     size_t struct_size;
     /**
-     * Number of samples per ray, at most 4096; 0 for the scene's own number. In a scene that is marched (`step` of
-     * `nerf_scene_info` is not 0), the number of steps along the diagonal of the scene box; in other scenes, the
-     * number between near and far. With a proposal network, the number of samples drawn from the proposal's
-     * distribution, in addition to the proposal's own samples.
+     * Number of samples per ray, at most 4096; 0 for the scene's own number. If samples lie in equal bins (`step` of
+     * `nerf_scene_info` is 0), this is the number of bins between near and far. If samples have a fixed step, this is
+     * the number of steps along the diagonal of the scene box; in an unbounded scene, along the ray that
+     * `nerf_scene_info` describes at its `samples`. With a proposal network, this is the number of samples that the
+     * network places; the evaluations of the proposal network come on top.
      */
     uint32_t samples;
     /**
@@ -946,7 +959,7 @@ typedef struct nerf_render_options {
      */
     float transmittance_cut;
     /**
-     * 1: samples in empty cells of the occupancy grid are evaluated, too. Otherwise 0.
+     * 1: samples in empty cells of the occupancy grid are evaluated, too. 0: these samples are skipped.
      */
     uint32_t ignore_occupancy;
     /**
@@ -954,7 +967,7 @@ typedef struct nerf_render_options {
      */
     uint32_t maths;
     /**
-     * 1: `background` replaces the scene's background. Otherwise 0.
+     * 1: `background` replaces the scene's background. 0: the scene's background is used.
      */
     uint32_t background_set;
     /**
@@ -962,13 +975,13 @@ typedef struct nerf_render_options {
      */
     float background[3];
     /**
-     * Number of rays in a batch, and largest number of pixels of a tile, at most 256; 0 for a number that keeps vector
+     * Number of rays in a batch, at most 256. A tile has at most this number of pixels. 0: a number that keeps vector
      * units busy. Affects memory and time, never the image.
      */
     uint32_t batch_rays;
     /**
-     * Number of samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy.
-     * Only the portable kernel with f16 weights uses fewer than 64.
+     * Number of samples that the network evaluates together, at most 64; 0: a number that keeps vector units busy.
+     * Used only by the portable kernel with f16 weights; all other kernels evaluate 64 samples together.
      */
     uint32_t batch_samples;
     /**
@@ -978,13 +991,14 @@ typedef struct nerf_render_options {
      */
     float colour_cut;
     /**
-     * Normals are the gradient of the density after a Gaussian blur. Width of the blur, in sample intervals (standard
-     * deviation: width / sqrt(12)). 0 for `NERF_NORMAL_BLUR_DEFAULT`; `NERF_NONE` for no blur: the gradient is then
-     * mostly noise finer than a sample interval.
+     * Width of the blur of the density, in sample intervals: normals are computed from the gradient of the blurred
+     * density. The blur is a Gaussian with the standard deviation of a box of this width, width / sqrt(12). 0 for
+     * `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are then mostly noise.
      */
     float normal_blur;
     /**
-     * 1: samples are uniform even if the scene has a proposal network. Otherwise 0.
+     * 1: samples are equally spaced even if the scene has a proposal network. 0: the proposal network, if any, places
+     * samples.
      */
     uint32_t ignore_proposal;
     /**
@@ -996,8 +1010,8 @@ typedef struct nerf_render_options {
      */
     float far_distance;
     /**
-     * For scenes that are not marched (`step` of `nerf_scene_info` is 0). 1: rays are sampled only between the scene's
-     * near and far distances, as in training. 0: the rest of the scene box is sampled, too.
+     * 1: rays are sampled only between the scene's near and far distances, as in training. 0: the rest of the scene
+     * box is sampled, too. No effect if `step` of `nerf_scene_info` is not 0.
      */
     uint32_t own_bins;
     /**
@@ -1011,7 +1025,7 @@ typedef struct nerf_render_options {
 } nerf_render_options;
 
 /**
- * A request to open a worker. Pointers are read during the call only, except for scenes, which the worker borrows.
+ * A request to open a worker. The library reads the request only during the call. The worker borrows the scenes.
  */
 typedef struct nerf_request {
     /**
@@ -1030,7 +1044,7 @@ typedef struct nerf_request {
      */
     const struct nerf_instance *instances;
     /**
-     * Number of instances; 0 with `scene`.
+     * Number of instances; 0 if `scene` is set.
      */
     size_t instance_count;
     /**
@@ -1102,8 +1116,10 @@ typedef struct nerf_plane {
  *
  * An output plane that is NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
  * structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
- * Pixels without a surface get the distance `far`: at least every distance in the scene, but no more than the pixel's
- * own limit along its ray or `far_distance` of the options.
+ *
+ * A pixel without a surface (opacity 1e-4 or less) gets the distance `far`, the smallest of three: the pixel's limit
+ * along its ray; `far_distance` of the options, unless that is 0; and a bound, computed from the scene's extent, on
+ * the distance from the camera to any visible point.
  */
 typedef struct nerf_target {
     /**
@@ -1120,34 +1136,35 @@ typedef struct nerf_target {
     struct nerf_plane opacity;
     /**
      * Mean distance of the samples along the ray, weighted by the sample weights, world units. Pixels without a
-     * surface (opacity 1e-4 or less) get `far`.
+     * surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
      */
     struct nerf_plane ray_distance;
     /**
      * Mean distance of the samples along the view axis, weighted by the sample weights, world units. Pixels without a
-     * surface (opacity 1e-4 or less) get `far`.
+     * surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
      */
     struct nerf_plane z_depth;
     /**
      * Median distance along the ray, at which transmittance falls below one half, world units. If transmittance stays
-     * above one half, the pixel gets `far`. Needs a `transmittance_cut` of at most 0.5.
+     * above one half, the pixel gets `far` (see `nerf_target`). Needs a `transmittance_cut` of at most 0.5.
      */
     struct nerf_plane median_distance;
     /**
      * Normal of the surface: mean of -grad(density)/|grad(density)|, weighted by the sample weights; world space, unit
-     * length. 0 where opacity is 1e-4 or less or directions cancel. Costs about as much as two more samples per ray.
+     * length. 0 where opacity is 1e-4 or less, or where the directions cancel out. Costs about as much as two more
+     * samples per ray.
      */
     struct nerf_plane normals;
     /**
-     * Input, NULL for none: distance along each pixel's ray at which the ray ends, world units, for example at a
-     * surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the sample interval
-     * that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
+     * Input, NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
+     * distance to a surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the
+     * sample interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
      */
     struct nerf_plane limit_ray_distance;
     /**
      * Input: limits as in `limit_ray_distance`, but measured along the view axis. Only one of the two planes may be
-     * set. A value `d` of a depth buffer, in normalised device coordinates, gives the limit `p[14] / (d + p[10])`; `p`
-     * is the column-major perspective matrix of a camera that looks along -Z.
+     * set. A depth buffer's depth `d`, in normalised device coordinates, corresponds to the limit
+     * `p[14] / (d + p[10])`; `p` is the column-major perspective matrix of a camera that looks along -Z.
      */
     struct nerf_plane limit_z_depth;
 } nerf_target;
@@ -1184,11 +1201,11 @@ typedef struct nerf_frame {
      */
     const struct nerf_target *target;
     /**
-     * Width in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the width.
+     * Image width, pixels, if a 2D field is rendered. 0 for a scene: `camera` has the width.
      */
     uint32_t width;
     /**
-     * Height in pixels at which a 2D field is rendered; 0 for a scene, whose `camera` has the height.
+     * Image height, pixels, if a 2D field is rendered. 0 for a scene: `camera` has the height.
      */
     uint32_t height;
     /**
@@ -1202,8 +1219,8 @@ typedef struct nerf_frame {
 } nerf_frame;
 
 /**
- * Exact counts of the work that a call did, not times. A 2D field has no rays and no samples: only its colour
- * evaluations, multiply-adds and invalid samples are counted.
+ * Exact counts of the work that a call did. For a 2D field, which has no rays, only colour evaluations, multiply-adds
+ * and invalid samples are counted.
  */
 typedef struct nerf_counters {
     /**
@@ -1211,7 +1228,7 @@ typedef struct nerf_counters {
      */
     size_t struct_size;
     /**
-     * Number of rays.
+     * Number of rays, including rays on which no sample was evaluated.
      */
     uint64_t rays;
     /**
@@ -1219,20 +1236,22 @@ typedef struct nerf_counters {
      */
     uint64_t samples_kept;
     /**
-     * Number of samples skipped outside the scene box, in empty cells, or once transmittance fell below the cut.
+     * Number of samples skipped outside the scene box, in empty cells, or behind the point where the ray was
+     * terminated.
      */
     uint64_t samples_skipped;
     /**
-     * Number of evaluations of the trunk and density head.
+     * Number of evaluations of the layers that give the density: the trunk and the density head.
      */
     uint64_t density_evaluations;
     /**
-     * Number of evaluations of the colour branch: one per sample that gets a colour, or one per ray in a field with
-     * deferred shading. For a 2D field: number of evaluations of the whole network.
+     * Number of evaluations of the colour branch: one per sample that gets a colour, or, with deferred shading, one
+     * per ray. For a 2D field: number of evaluations of the whole network.
      */
     uint64_t colour_evaluations;
     /**
-     * Number of multiply-adds of the network and of the proposal network.
+     * Number of multiply-adds in the layers of network and proposal network. Density gradients for normals are
+     * included, reads of the learned grid's tables are not.
      */
     uint64_t macs;
     /**
@@ -1245,7 +1264,8 @@ typedef struct nerf_counters {
      */
     uint64_t normal_evaluations;
     /**
-     * Number of evaluations of the coarse proposal network; not counted as samples.
+     * Number of evaluations of the proposal network, which finds where to place samples; not included in
+     * `samples_kept`.
      */
     uint64_t proposal_evaluations;
 } nerf_counters;
@@ -1265,7 +1285,7 @@ typedef struct nerf_floats {
 } nerf_floats;
 
 /**
- * The caller's own rays, in any order, from anywhere.
+ * Rays of the caller, with any origins, in any order.
  */
 typedef struct nerf_rays {
     /**
@@ -1273,7 +1293,7 @@ typedef struct nerf_rays {
      */
     size_t struct_size;
     /**
-     * Number of rays.
+     * Number of rays; every array below has one element per ray.
      */
     size_t count;
     /**
@@ -1286,10 +1306,10 @@ typedef struct nerf_rays {
      */
     struct nerf_floats dirs;
     /**
-     * Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene that is
-     * marched (`step` of `nerf_scene_info` is not 0) the first sample interval begins at `t_min`, or where the ray
-     * enters the scene box if that is farther: another `t_min` can move all samples. In other scenes `t_min` moves no
-     * sample, but cuts the sample interval that contains `t_min`.
+     * Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene with a fixed
+     * step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample interval
+     * begins at `t_min` or where the ray enters the box, whichever is farther: another `t_min` can move all samples.
+     * In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
      */
     struct nerf_floats t_min;
     /**
@@ -1304,12 +1324,12 @@ typedef struct nerf_rays {
     struct nerf_floats random;
     /**
      * Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
-     * of the ray through (cx, cy). May be NULL without a plane for `z_depth`.
+     * of the ray through (cx, cy). May be NULL if the target has no plane `z_depth`.
      */
     const float *axis;
     /**
      * Planes for the results: one row of `count` pixels; `row_stride` is ignored. Rays and results may be fields of
-     * the same structures. Planes of limits must be NULL: each ray has its own `t_max`.
+     * the same structures. The target's planes of limits must be NULL, since `t_max` limits each ray.
      */
     const struct nerf_target *target;
 } nerf_rays;
@@ -1323,16 +1343,17 @@ typedef struct nerf_points {
      */
     size_t struct_size;
     /**
-     * Number of points.
+     * Number of points; every array and plane below has one element per point.
      */
     size_t count;
     /**
-     * Position of each point: x, y, z, world space. Density is 0 and colour is black in cells that the occupancy grid
-     * marks as empty and, unless the scene is unbounded, outside the scene box.
+     * Position of each point: x, y, z, world space. Density is 0 and colour is black in empty cells of the occupancy
+     * grid. The same holds outside the scene box, unless the scene is unbounded.
      */
     struct nerf_floats positions;
     /**
-     * Direction from the camera to each point, unit length (squared length 1 within 1e-3); not read if `rgb` is NULL.
+     * Direction from the camera to each point, of unit length (squared length within 1e-3 of 1). Not read if
+     * `rgb.data` is NULL.
      */
     struct nerf_floats dirs;
     /**
@@ -1341,18 +1362,19 @@ typedef struct nerf_points {
      */
     struct nerf_plane sigma;
     /**
-     * Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; may be left out.
+     * Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; `data` may be
+     * NULL.
      */
     struct nerf_plane rgb;
 } nerf_points;
 
 /**
- * Clock of the caller: returns microseconds since any fixed moment, never decreasing.
+ * Clock of the caller: returns the time in microseconds since any fixed moment. The time never decreases.
  */
 typedef uint64_t (*nerf_clock)(void *user);
 
 /**
- * A request to measure the time per frame.
+ * Request to measure the time per frame of a scene.
  */
 typedef struct nerf_pace_request {
     /**
@@ -1360,7 +1382,7 @@ typedef struct nerf_pace_request {
      */
     size_t struct_size;
     /**
-     * Scene that is measured.
+     * Scene whose frame time is measured.
      */
     const struct nerf_scene *scene;
     /**
@@ -1426,7 +1448,8 @@ typedef struct nerf_choice {
      */
     float milliseconds;
     /**
-     * 1 if the settings meet the limit. 0 if no point of the Pareto front meets it: the nearest point was chosen.
+     * 1 if the settings meet the limit of loss, cost or time. 0 if no point of the Pareto front meets the limit; the
+     * point nearest to the limit was chosen then.
      */
     uint32_t within;
 } nerf_choice;
@@ -1477,8 +1500,8 @@ nerf_status nerf_scene_memory(const void *blob,
  *
  * The scene borrows `blob` (the scene file's bytes) and `memory`: the caller neither moves nor changes these while the
  * scene is used. `memory`: has at least the size and alignment from `nerf_scene_memory`, and does not overlap `blob`.
- * `scene` receives the handle on success only; there is nothing to close. `message`: as in `nerf_scene_memory`.
- * Neither `message` nor `scene` may overlap `blob` or `memory`.
+ * `scene` receives the handle on success only; there is nothing to close. `message`: NULL, or a buffer for an error
+ * message. Neither `message` nor `scene` may overlap `blob` or `memory`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1496,8 +1519,8 @@ nerf_status nerf_scene_open(const void *blob,
  * Opens a scene from a file, in memory that the library owns: `nerf_scene_close` frees it.
  *
  * For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes elsewhere,
- * NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing
- * stays allocated. `message`: as in `nerf_scene_memory`, preceded by the path.
+ * NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing stays
+ * allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1514,7 +1537,7 @@ nerf_status nerf_scene_open_file(const char *path,
  * Only in a library built with `std`.
  *
  * # Safety
- * `scene` is NULL or an intact handle that no thread uses now or later.
+ * `scene` is NULL or the handle of an opened scene that was not closed before, and that no thread uses now or later.
  */
 void nerf_scene_close(const struct nerf_scene *scene);
 
@@ -1525,7 +1548,8 @@ void nerf_scene_close(const struct nerf_scene *scene);
  * library does not know become zero. The texts point into the scene file's bytes.
  *
  * # Safety
- * `scene` is NULL or a scene whose memory and file bytes are intact; `info` is NULL or points to `struct_size` bytes.
+ * `scene` is NULL or an opened scene; the caller has not freed, moved or overwritten its memory or its file's bytes.
+ * `info` is NULL or points to `struct_size` bytes.
  */
 nerf_status nerf_scene_describe(const struct nerf_scene *scene,
                                 struct nerf_scene_info *info);
@@ -1533,9 +1557,9 @@ nerf_status nerf_scene_describe(const struct nerf_scene *scene,
 /**
  * Places a camera at `eye`, looking at `target`; the direction `up` points upwards in the image.
  *
- * `camera`: the caller sets `struct_size`; only `c2w` is written, on success. `eye`, `target`, `up`: three floats
- * each, world units; `up` of any length. `NERF_STATUS_CAMERA` if `eye` equals `target`, or `up` points along the view.
- * `message`: as in `nerf_scene_memory`.
+ * `camera`: the caller sets `struct_size`; the other fields may have any values. The call writes only `c2w`, and on an
+ * error nothing. `eye`, `target`, `up`: three floats each, world units; `up` of any length. `NERF_STATUS_CAMERA` if
+ * `eye` equals `target`, or `up` points along the view. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1551,11 +1575,12 @@ nerf_status nerf_camera_look_at(struct nerf_camera *camera,
  * Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
  *
  * `x`, `y`: image point, pixels from left and top; pixel (0, 0) has its centre at (0.5, 0.5). The point may lie
- * outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the
- * point, or if the distorted image folds over itself between principal point and image point. `origin`, `dir`: three
- * floats each, world space; `dir` has unit length and takes account of the distortion. `z_per_distance`: NULL, or
- * receives the ratio of `z_depth` to `ray_distance` on this ray. Results are written on success only. `message`: as in
- * `nerf_scene_memory`.
+ * outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or if the lens distortion cannot be inverted
+ * at the point: it has no inverse there, or the distorted image folds over itself between principal point and image
+ * point. `origin`, `dir`: three floats each, world space; `dir` has unit length and takes account of the distortion.
+ * `z_per_distance`: NULL, or receives the cosine between ray and view axis: times a distance along the ray, it gives
+ * the distance along the view axis. Results are written on success only. `message`: NULL, or a buffer for an error
+ * message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1574,10 +1599,11 @@ nerf_status nerf_camera_ray(const struct nerf_camera *camera,
  *
  * The size depends on the scene's network, the outputs, the batch and the number of instances, not on the image size.
  *
- * `size` and `align` are written on success only. `message`: as in `nerf_scene_memory`.
+ * `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; scenes are intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * the scenes or their files' bytes.
  */
 nerf_status nerf_worker_size(const struct nerf_request *request,
                              size_t *size,
@@ -1591,10 +1617,11 @@ nerf_status nerf_worker_size(const struct nerf_request *request,
  * The worker borrows `memory` and the scenes: the caller neither moves nor changes these while the worker is used.
  * Each thread needs a worker of its own. `memory`: has at least the size and alignment from `nerf_worker_size`, and
  * does not overlap scenes, scene files or any other argument. `worker` receives the handle on success only; there is
- * nothing to close. `message`: as in `nerf_worker_size`.
+ * nothing to close. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; scenes are intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * the scenes or their files' bytes.
  */
 nerf_status nerf_worker_open(const struct nerf_request *request,
                              void *memory,
@@ -1609,13 +1636,15 @@ nerf_status nerf_worker_open(const struct nerf_request *request,
  * With the same kernel, the result for a pixel is bit-identical in every rectangle, with every batch size, on every
  * thread, and after any earlier calls. `frame->target` may contain limits at which rays end, such as a depth buffer.
  *
- * `counters`: NULL, or written on success, with `struct_size` set by the caller. `message`: as in `nerf_scene_memory`.
+ * `counters`: NULL, or receives counts of the work on success; the caller sets `struct_size`. `message`: NULL, or a
+ * buffer for an error message.
  *
  * All arguments are checked before the first pixel is written. Pixels are written in whole tiles: after
  * `NERF_STATUS_CANCELLED` or `NERF_STATUS_PANIC` each tile is finished or untouched.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * `worker` or its scenes.
  */
 nerf_status nerf_render(struct nerf_worker *worker,
                         const struct nerf_frame *frame,
@@ -1634,7 +1663,8 @@ nerf_status nerf_render(struct nerf_worker *worker,
  * may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `worker` and its scene are intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * `worker` or its scene.
  */
 nerf_status nerf_render_picture(struct nerf_worker *worker,
                                 const struct nerf_frame *frame,
@@ -1645,18 +1675,21 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
 /**
  * Renders the caller's own rays: ray i is pixel i of the target.
  *
- * A ray may begin outside, inside or behind the scene. A ray without a surface gets the distance `far`: at least every
- * distance in the scene, but at most `t_max`. Without jitter, the rays of a camera's pixels give the camera's image,
- * bit for bit. For shadow rays, render opacity alone: the opacity is bit-identical with and without other planes, and
- * the work is less.
+ * A ray may begin outside, inside or behind the scene. If a ray's opacity is at most 1e-4, it meets no surface, and
+ * its distances are the smallest of three: `t_max`, `far_distance` of the options unless that is 0, and a bound,
+ * computed from the scene's extent, on the distance from the ray's origin to any visible point. Without jitter, the
+ * rays of a camera's pixels give the camera's image, bit for bit. For shadow rays, render opacity alone, which is less
+ * work. Other planes do not change the opacity.
  *
  * All rays are checked before the first result is written. `NERF_STATUS_RAY` if `random` is not NULL, or if a ray has
- * an origin that is not finite, a direction that is not of unit length, or a `t_min` below 0 or above `t_max`; the
- * message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which belong to cameras.
- * `counters` and `message`: as in `nerf_render`.
+ * an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0 or
+ * above `t_max`; the message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which
+ * belong to cameras. `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an
+ * error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * `worker` or its scenes.
  */
 nerf_status nerf_render_rays(struct nerf_worker *worker,
                              const struct nerf_rays *rays,
@@ -1668,16 +1701,19 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
  * Samples the point on each ray at which a photon collides with the medium, for path tracers.
  *
  * A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
- * opacity is 1, distances are measured to the collision, and colour and normal are the field's there. Without a
- * collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA planes). Cuts in the
- * options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in `nerf_render_rays`.
+ * opacity is 1, distances are measured to the collision, and colour and normal are those of the field at the
+ * collision. Without a collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA
+ * planes). Cuts in the options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in
+ * `nerf_render_rays`.
  *
- * If a ray is sampled often, with uniform random numbers, the mean opacity and colour of all samples, and the mean
- * distance and normal of the collisions, converge to the results of `nerf_render_rays` without cuts. Exception: with
- * deferred shading, the colour branch is evaluated for the collision's sample alone, so the mean colour differs.
+ * If a ray is sampled often, with uniform random numbers, the means converge to the results of `nerf_render_rays`
+ * without cuts. Opacity and colour are averaged over all results, distance and normal over the results with a
+ * collision. With deferred shading, however, the mean colour differs: the colour branch is evaluated for the
+ * collision's sample alone.
  *
  * # Safety
- * Pointers are NULL or point to what is described there; `worker` and its scenes are intact.
+ * Pointers are NULL or point to what `nerf_render_rays` describes. The caller has not freed, moved or overwritten the
+ * memory of `worker` or its scenes.
  */
 nerf_status nerf_sample_rays(struct nerf_worker *worker,
                              const struct nerf_rays *rays,
@@ -1688,12 +1724,14 @@ nerf_status nerf_sample_rays(struct nerf_worker *worker,
 /**
  * Evaluates density and colour at points seen along directions.
  *
- * `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted; only its options for occupancy grid, maths and tone
- * affect the results. `sigma` and `rgb` must not overlap other memory of the call. `NERF_STATUS_DIRECTION`, and
- * nothing is written, if a direction is not of unit length. `counters` and `message`: as in `nerf_render`.
+ * `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted. Of its options, only `ignore_occupancy` and `maths`
+ * affect the results, and `effects.linear` the colour. `sigma` and `rgb` must not overlap other memory of the call. If
+ * a direction is not of unit length, the call returns `NERF_STATUS_DIRECTION` and writes no results. `counters`: NULL,
+ * or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * `worker` or its scenes.
  */
 nerf_status nerf_query(struct nerf_worker *worker,
                        const struct nerf_points *points,
@@ -1704,10 +1742,11 @@ nerf_status nerf_query(struct nerf_worker *worker,
 /**
  * Computes the size and alignment of the workspace that `nerf_pace_measure` needs.
  *
- * `size`, `align` and `message` as in `nerf_worker_size`.
+ * `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described there; the scene is intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * the scene or its file's bytes.
  */
 nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
                                      size_t *size,
@@ -1724,10 +1763,11 @@ nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
  *
  * `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
  * file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. `NERF_STATUS_NO_FRONT` if the
- * scene has no Pareto front. `message`: as in `nerf_scene_memory`.
+ * scene has no Pareto front. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; the scene is intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * the scene or its file's bytes.
  */
 nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
                               void *workspace,
@@ -1741,12 +1781,14 @@ nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
  *
  * `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
  * replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
- * front loses more, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
+ * front loses more PSNR, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
  * scene has no Pareto front, or if this build can render none of its points; nothing is written then. A point's
- * transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: as in `nerf_scene_memory`.
+ * transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: NULL, or a buffer for an error
+ * message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * `scene` or its file's bytes.
  */
 nerf_status nerf_quality_within_loss(const struct nerf_scene *scene,
                                      float loss_db,
@@ -1763,7 +1805,8 @@ nerf_status nerf_quality_within_loss(const struct nerf_scene *scene,
  * `nerf_quality_within_loss`.
  *
  * # Safety
- * Pointers are NULL or point to what is described there; `scene` is intact.
+ * Pointers are NULL or point to what `nerf_quality_within_loss` describes. The caller has not freed, moved or
+ * overwritten the memory of `scene` or its file's bytes.
  */
 nerf_status nerf_quality_within_cost(const struct nerf_scene *scene,
                                      float ratio,
@@ -1776,12 +1819,13 @@ nerf_status nerf_quality_within_cost(const struct nerf_scene *scene,
  * Writes to `options` the settings of highest PSNR with a frame time of at most `milliseconds`. `pace`: frame times
  * from `nerf_pace_measure`.
  *
- * If every measured point of the scene's Pareto front takes longer, the fastest is chosen. `NERF_STATUS_NO_FRONT` also
- * if no point was measured. `choice->milliseconds` is the expected time of a frame. Everything else is as in
+ * If every measured point of the scene's Pareto front takes longer, the fastest is chosen. `NERF_STATUS_NO_FRONT` if
+ * no point was measured. `choice->milliseconds` is the expected time of a frame. Everything else is as in
  * `nerf_quality_within_loss`.
  *
  * # Safety
- * Pointers are NULL or point to what is described there, `pace` to a `nerf_pace`; `scene` is intact.
+ * Pointers are NULL or point to what `nerf_quality_within_loss` describes, `pace` to a `nerf_pace`. The caller has not
+ * freed, moved or overwritten the memory of `scene` or its file's bytes.
  */
 nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
                                      float milliseconds,
@@ -1800,7 +1844,8 @@ nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
  * `nerf_quality_within_loss`.
  *
  * # Safety
- * Pointers are NULL or point to what is described there; `scene` is intact.
+ * Pointers are NULL or point to what `nerf_quality_within_loss` describes. The caller has not freed, moved or
+ * overwritten the memory of `scene` or its file's bytes.
  */
 nerf_status nerf_quality_point(const struct nerf_scene *scene,
                                uint32_t point,
@@ -1810,16 +1855,20 @@ nerf_status nerf_quality_point(const struct nerf_scene *scene,
                                size_t message_capacity);
 
 /**
- * Writes to `options` the cheapest settings that lose no more PSNR than a `nerf_preset` allows.
+ * Writes to `options` the cheapest settings that lose no more PSNR than `preset`, a `nerf_preset`, allows.
  *
  * If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
- * Pareto front gets fixed settings, with an unknown loss: `NERF_PRESET_EXACT` is the exact rendering, and
- * `NERF_PRESET_HIGH` the default options. BALANCED, FAST and PREVIEW have transmittance cuts of 0.03, 0.1 and 0.1, and
- * colour cuts of 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. In a study of another
- * scene, these three presets lost 0.05, 0.2 and 0.9 dB. `options` and `message`: as in `nerf_quality_within_loss`.
+ * Pareto front gets fixed settings. `NERF_PRESET_EXACT` is then the exact rendering, and `NERF_PRESET_HIGH` the
+ * default options. BALANCED, FAST and PREVIEW then have transmittance cuts of 0.03, 0.1 and 0.1, and colour cuts of
+ * 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. On one test scene, these three lost
+ * 0.05, 0.2 and 0.9 dB; on yours, the loss is unknown.
+ *
+ * `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
+ * an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `scene` is intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * `scene` or its file's bytes.
  */
 nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 uint32_t preset,
@@ -1828,18 +1877,20 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 size_t message_capacity);
 
 /**
- * Writes an English report of a worker's frames: which stages are on, why the other stages are off, and, with
- * counters, the work of each stage.
+ * Writes an English report of a worker's frames: which stages are on, and why the other stages are off. With
+ * `counters`, also reports the work of each stage.
  *
- * The text is for people: its wording may change between versions. With several instances, each has its own part.
+ * The text is for people: its wording may change between versions. With several instances, the text has one part for
+ * each instance.
  *
  * `counters`: NULL, or the counters that a call of this worker wrote; ignored with several instances. `text`: NULL, or
  * a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the length of
  * the uncut text with its NUL, bytes. `text` and `needed` are written on success only; a cut text is a success.
- * `message`: as in `nerf_scene_memory`.
+ * `message`: NULL, or a buffer for an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here; `worker` and its scenes are intact.
+ * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
+ * `worker` or its scenes.
  */
 nerf_status nerf_explain(struct nerf_worker *worker,
                          const struct nerf_counters *counters,

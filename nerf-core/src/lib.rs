@@ -39,7 +39,7 @@
 //! | `weights`, `opacity` | a weight is `transmittance · alpha`; the opacity is the sum of the weights, `<= 1` |
 //! | samples | only on the part of a ray inside the scene box, for any camera position |
 //! | samples, scene with a step | at equal steps, from the point where the ray enters the box |
-//! | samples, scene with n bins | one in each bin; bins have the width (far − near) / n, one begins at near, and together they cover all of the ray inside the box |
+//! | samples, scene with n bins | one in each bin; bins have the width (far − near) / n, one begins at near, and together they cover all of the ray inside the box (with a proposal network: near to far alone) |
 //! | samples, unbounded scene | from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
 //! | `far` | distance of pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far, or the camera's distance from the farthest corner of the box if larger. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length: in a march, the last bin ends where the ray leaves the box |
