@@ -47,8 +47,8 @@ pub struct Choice {
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Writes the settings that `choose` returns to `options`, and their figures to `choice`, unless that is NULL. Returns
-/// an error if `choose` returns `None`: the scene has no usable Pareto front.
+/// Calls `choose` for a point of the scene's Pareto front. Writes its settings to `options`; writes its loss, work and
+/// time to `choice`, if `choice` is not NULL. Returns an error if `choose` returns `None`: there is no usable front.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the calling functions describe.

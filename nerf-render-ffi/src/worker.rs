@@ -185,8 +185,8 @@ struct Checked {
     placed: bool,
 }
 
-/// Sizes of the parts of a worker's memory, in lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels, and
-/// the renderer's workspace (`rest`). `bytes`: size of the whole memory, including the arrays of members and instances.
+/// Sizes of the parts of a worker's memory, in lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels
+/// (`pixels`), and the renderer's workspace (`rest`). `bytes`: sum of these and of the list of fields, bytes.
 struct Shares {
     own: usize,
     pixels: usize,

@@ -21,9 +21,14 @@ pub fn libraries() -> Libraries {
     BUILT.get_or_init(build).clone()
 }
 
+/// The cargo that runs the tests, or else the one of PATH. Not `env!("CARGO")`: cargo at another path, as in `.ci/run`,
+/// would compile this crate and all its tests anew.
+fn cargo() -> OsString {
+    std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
+}
+
 fn build() -> Libraries {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| env!("CARGO").into());
-    let mut command = Command::new(cargo);
+    let mut command = Command::new(cargo());
     command.current_dir(paths::workspace());
     command.args(["build", "--release", "--offline", "-p", "nerf-render-ffi", "--message-format=json"]);
     let names = files(&mut command);
@@ -40,8 +45,7 @@ fn build() -> Libraries {
 /// makes it slow. It is built in one part: what is inlined across parts differs by more than an effect's code, and
 /// the unused functions of an incremental build's parts stay. Of debug information it has the table of lines.
 pub fn build_alone(arguments: &[&str]) -> Vec<PathBuf> {
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| env!("CARGO").into());
-    let mut command = Command::new(cargo);
+    let mut command = Command::new(cargo());
     command.current_dir(paths::workspace());
     command.env("CARGO_PROFILE_DEV_DEBUG", "line-tables-only").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
     command.env("CARGO_PROFILE_DEV_CODEGEN_UNITS", "1").env("CARGO_INCREMENTAL", "0");

@@ -251,7 +251,7 @@ impl Camera {
         Self { pose, ..*self }
     }
 
-    /// The intrinsics this camera was made with.
+    /// Image size, focal lengths and principal point, pixels.
     pub fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
     }

@@ -160,7 +160,8 @@ impl Bins {
         2.0 * f32::EPSILON * self.distance(self.count as f32) / self.delta
     }
 
-    /// Converts a position counted in bins to a distance along the ray. Bin `i` begins at position `i`. Ignores cuts.
+    /// Converts a position counted in bins to a distance along the ray. Bin `i` begins at position `i`, also if the bin is
+    /// cut at the ray's start or end.
     #[inline(always)]
     pub(crate) fn distance<V: Lanes>(&self, position: V) -> V {
         V::splat(self.near).add(position.mul(V::splat(self.delta)))

@@ -70,7 +70,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn add(self, b: Self) -> Self;
     /// `self - b` for each lane.
     fn sub(self, b: Self) -> Self;
-    /// `self * b` for each lane.
+    /// `self * b` for each lane, rounded once.
     fn mul(self, b: Self) -> Self;
     /// `self / b` for each lane.
     fn div(self, b: Self) -> Self;
@@ -96,7 +96,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn exp2_integer(self) -> Self;
     /// Splits each positive normal number into mantissa and exponent `(m, e)`: `self = m 2^e`, `m` in `[√½, √2)`.
     fn split_exponent(self) -> (Self, Self);
-    /// Mask of the lanes with `self == b`.
+    /// Mask of the lanes with `self == b`; a NaN equals nothing.
     fn equals(self, b: Self) -> Self::Mask;
     /// Mask of the lanes with `self < b`.
     fn less(self, b: Self) -> Self::Mask;

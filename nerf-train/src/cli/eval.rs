@@ -86,7 +86,7 @@ pub struct Eval {
     /// Evaluate every N-th view only.
     #[arg(long, value_name = "N", default_value_t = 1)]
     every: usize,
-    /// Also report PSNR on every N-th pixel of every N-th row.
+    /// Also report PSNR on every N-th pixel of every N-th row, to compare with figures of such a subset.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
     lattice: Option<u32>,
     /// Background: a name (black, white, red), #RRGGBB or R,G,B [default: the scene file's].

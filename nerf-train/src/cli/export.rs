@@ -57,7 +57,7 @@ pub struct Export {
     /// Approximate number of points [default: 200000].
     #[arg(long, value_name = "N")]
     points: Option<usize>,
-    /// Data set whose views are rendered to place points at median distances [default: points sampled on the surface].
+    /// For --as points: place points at the median distances in the views of this data set [default: on the surface].
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
     /// Split of --data whose views are rendered.

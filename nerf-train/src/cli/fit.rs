@@ -111,14 +111,14 @@ struct Settings {
     /// Initial learning rate.
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
-    /// Start from a full occupancy grid instead of a visual hull.
+    /// Start from a full occupancy grid, not from the visual hull of what the photographs show before their background.
     #[arg(long)]
     no_hull: bool,
     /// Scene extent: box, contracted (unbounded) or auto (box if --box is given, or if the background of the
     /// photographs is transparent or of one colour; else contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
-    /// Scene box, world units [default: found from the data].
+    /// Scene box: lowest and highest corner, in the coordinates of the data [default: found from the data].
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",

@@ -60,10 +60,11 @@ pub struct Import {
     /// Occupancy grid with which the network was trained: .npy, booleans [x, y, z] over the scene box.
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
-    /// Use the grid of --occupancy only to save time: rendering without it is valid, too.
+    /// The grid of --occupancy only saves time, and the network is right outside it. Without this flag, the grid is
+    /// part of the scene.
     #[arg(long, requires = "occupancy")]
     occupancy_optional: bool,
-    /// Build no occupancy grid.
+    /// Build no occupancy grid; rendering then skips no empty space.
     #[arg(long)]
     no_occupancy: bool,
     /// Camera axes in --check: opengl (looks along −Z) or opencv (looks along +Z) [default: by the data set's layout].

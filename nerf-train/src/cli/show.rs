@@ -58,7 +58,7 @@ pub struct Show {
     /// Up axis [default: the axis nearest to the cameras' mean up].
     #[arg(long, value_enum, value_name = "AXIS", allow_hyphen_values = true)]
     up: Option<UpAxis>,
-    /// Scene box, world units [default: found from the data].
+    /// Scene box: lowest and highest corner, in the coordinates of the data [default: found from the data].
     #[arg(
         long = "box",
         value_name = "X0,Y0,Z0,X1,Y1,Z1",

@@ -49,29 +49,29 @@ struct Lists {
     /// Folder of the sweep; finished runs in it are not repeated.
     #[arg(long, short, value_name = "DIR")]
     output: PathBuf,
-    /// Number of frequencies of the position encoding (networks without a grid).
+    /// Numbers of frequencies of the position encoding, a list to compare (networks without a grid).
     #[arg(long, value_name = "L,L,…", value_delimiter = ',', num_args = 1)]
     levels: Vec<u8>,
-    /// Number of hidden layers.
+    /// Numbers of hidden layers, a list to compare.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     layers: Vec<u16>,
-    /// Width of the hidden layers.
+    /// Widths of the hidden layers, a list to compare.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     width: Vec<u16>,
-    /// Size of a hash table, as the exponent of a power of 2: at most 2^N entries per level (grids).
+    /// Sizes of a hash table, as exponents of 2: at most 2^N entries per level; a list to compare (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
-    /// Number of resolution levels of the learned grid (grids).
+    /// Numbers of resolution levels of the learned grid, a list to compare (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     grid_levels: Vec<u8>,
-    /// Features per level: 1, 2 or 4 (grids).
+    /// Features per level: 1, 2 or 4; a list to compare (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     features: Vec<u8>,
     /// Cells along the longest side of the scene box or image, at the finest level (grids) [default: the preset's; for
     /// images, the image size].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     finest: Vec<u16>,
-    /// Initial learning rates.
+    /// Initial learning rates, a list to compare.
     #[arg(long, value_name = "RATE,…", value_delimiter = ',', num_args = 1)]
     rate: Vec<f64>,
     /// Vary one setting at a time instead of training every combination.
@@ -205,10 +205,10 @@ pub struct SceneSweep {
     /// Wall-clock limit of a run, seconds: one value, or a list to compare.
     #[arg(long, value_name = "S,S,…", value_delimiter = ',', num_args = 1)]
     max_seconds: Vec<f64>,
-    /// Samples per ray (networks without a grid).
+    /// Samples per ray, a list to compare (networks without a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Steps between updates of a hashed level, whose gradients are summed in between (grids).
+    /// Steps between updates of a hashed level, whose gradients are summed meanwhile; a list to compare (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Seed of the initial weights and of all random choices in training [default: the preset's].

@@ -112,7 +112,7 @@ impl Pace {
         self.per_pixel = Some(seconds / pixels.max(1) as f64);
     }
 
-    /// Adds the seconds of a validation during training, including export.
+    /// Adds to the run's validation time the seconds of one validation: export of the field, and rendering.
     pub fn validated(&mut self, seconds: f64) {
         self.validated += seconds;
     }

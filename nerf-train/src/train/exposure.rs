@@ -30,7 +30,7 @@ pub struct ExposureFound {
     pub spread: f64,
     /// Whether the gains were measured at key points; otherwise they were learned in the run's first steps.
     pub by_tracks: bool,
-    /// Whether one gain per photograph is learned in the rest of the run.
+    /// Whether each photograph has a learned gain after the step at which this was found.
     pub fitted: bool,
     /// Index and log gain of the view farthest from the mean; `None` if it differs by less than a factor of 2.
     pub outlier: Option<(u32, f32)>,

@@ -112,16 +112,16 @@ fn flags_of_the_other_kind_of_field_are_refused_with_a_sentence() {
         &["--levels", "a learned grid"],
     );
     let cases: [(&[&str], &str); 10] = [
-        (&["--grid-levels", "0"], "network.grid.levels"),
-        (&["--grid-levels", "33"], "network.grid.levels"),
-        (&["--features", "3"], "network.grid.features"),
-        (&["--table", "0"], "network.grid.log2_entries"),
-        (&["--table", "25"], "network.grid.log2_entries"),
-        (&["--coarsest", "0"], "network.grid.coarsest"),
-        (&["--coarsest", "9", "--finest", "8"], "network.grid.finest"),
-        (&["--finest", "16385"], "network.grid.finest"),
-        (&["--finest", "0"], "network.grid.finest"),
-        (&["--finest", "13"], "network.grid.finest: expected at most the picture's 12 pixels"),
+        (&["--grid-levels", "0"], "error: grid.levels"),
+        (&["--grid-levels", "33"], "error: grid.levels"),
+        (&["--features", "3"], "error: grid.features"),
+        (&["--table", "0"], "error: grid.log2_entries"),
+        (&["--table", "25"], "error: grid.log2_entries"),
+        (&["--coarsest", "0"], "error: grid.coarsest"),
+        (&["--coarsest", "9", "--finest", "8"], "error: grid.finest"),
+        (&["--finest", "16385"], "error: grid.finest"),
+        (&["--finest", "0"], "error: grid.finest"),
+        (&["--finest", "13"], "error: grid.finest: expected at most the picture's 12 pixels"),
     ];
     for (flags, field) in cases {
         fails(image_fit(&photo, &file, flags), &[field]);
@@ -255,7 +255,7 @@ fn pictures_are_swept_over_grids() {
     let table = std::fs::read_to_string(format!("{output}/table.csv")).expect("a table");
     assert!(table.starts_with("rank,table,grid-levels,features,finest,rate,"), "{table}");
     assert_eq!(table.lines().filter(|row| row.contains(",12,")).count(), 2, "a cell a pixel: {table}");
-    fails(args.into_iter().chain(["--finest", "12,13"]), &["network.grid.finest", "12 pixels", "13"]);
+    fails(args.into_iter().chain(["--finest", "12,13"]), &["error: grid.finest", "12 pixels", "13"]);
 }
 
 #[test]

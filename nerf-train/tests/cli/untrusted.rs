@@ -205,7 +205,7 @@ fn files_without_end_are_refused_with_their_limit() {
         std::os::unix::fs::symlink("/dev/zero", &path).expect("a link");
         path
     };
-    let blob_limit = ["/dev/zero", "expected at most 256 MiB, found more"];
+    let blob_limit = ["/dev/zero", "expected at most 512 MiB, found more"];
     refused(&["inspect", "/dev/zero"], &blob_limit);
     refused(&["render", "/dev/zero", "-o", &picture], &blob_limit);
     refused(&["eval", "/dev/zero", &data], &blob_limit);
@@ -223,7 +223,7 @@ fn files_without_end_are_refused_with_their_limit() {
         path
     };
     let terabyte = "found 1099511627776 bytes";
-    refused(&["inspect", &sparse("sparse.nerf")], &["sparse.nerf", "256 MiB", terabyte]);
+    refused(&["inspect", &sparse("sparse.nerf")], &["sparse.nerf", "512 MiB", terabyte]);
     refused(&fit(&sparse("sparse.json"), &file, &[]), &["sparse.json", "256 MiB", terabyte]);
     refused(&["image", "fit", &sparse("sparse.jpg"), "-o", &file], &["sparse.jpg", "1 GiB", terabyte]);
     refused(&fit(&sparse("sparse.npz"), &file, &[]), &["sparse.npz"]);
@@ -264,7 +264,7 @@ fn a_blob_may_come_through_a_pipe() {
     let mut yes =
         std::process::Command::new("yes").stdout(std::process::Stdio::piped()).spawn().expect("yes");
     let endless = read(yes.stdout.take().expect("piped").into());
-    assert!(endless.code == Some(1) && endless.err.contains("at most 256 MiB"), "{}", endless.err);
+    assert!(endless.code == Some(1) && endless.err.contains("at most 512 MiB"), "{}", endless.err);
     // It ends when nobody reads it.
     let _ = yes.wait();
 }

@@ -133,7 +133,7 @@ fn differences(a: &[Pixel], b: &[Pixel]) -> [f32; 3] {
     worst
 }
 
-/// A segment's distance is that of its only bin with density, whether a bin without density is merged before or after.
+/// Two fields in one place, one without density: distances are those of the other, whichever is first in the list.
 #[test]
 fn a_field_without_density_does_not_move_distances_whatever_its_place_in_the_list() {
     let (dense, empty) = (fog(2.0, [0.5, 0.0, -0.5]), fog(0.0, [0.0; 3]));

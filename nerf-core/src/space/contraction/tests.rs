@@ -142,8 +142,8 @@ fn what_is_no_cube_or_power_is_no_contraction() {
     assert_eq!(Contraction::new(&Contraction::cube(Vec3::splat(1e6), 0.1), 1), None);
 }
 
-/// Error bounds come from the rounding of positions `s`, whose magnitude is at most 1 + p. `p`: power of the
-/// contraction.
+/// Error bounds come from rounding of a position `s` on a ray, as [`Contraction::distance`] takes it: with power `p`,
+/// `|s| <= 1 + p`.
 #[test]
 fn steps_and_distances_are_inverse_within_rounding() {
     for (centre, radius) in balls() {

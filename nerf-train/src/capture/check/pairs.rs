@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// Limits for seeing a point alike: minimum cosine of the angle between the rays (12°), maximum ratio of distances.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
-/// Two photographs are compared if their cameras see at least this number of points alike ([`ALIKE`]).
+/// Two photographs are compared if both see at least this number of points from similar directions ([`ALIKE`]).
 const ENOUGH_POINTS: usize = 30;
 /// A pair of photographs is used if at least this number of patches were compared.
 const ENOUGH_PATCHES: usize = 15;

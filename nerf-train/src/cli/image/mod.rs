@@ -66,7 +66,7 @@ impl PhotoOptions {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Settings (replace the preset's)")]
 pub struct Settings {
-    /// Number of random pixels per batch; they are stratified if the field has a grid.
+    /// Number of random pixels per batch; with a grid, they are spread evenly over the image (stratified).
     #[arg(long, value_name = "N")]
     pixels: Option<usize>,
     /// Training steps [default: the preset's].

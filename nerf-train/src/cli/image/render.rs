@@ -34,7 +34,8 @@ pub struct Render {
     /// Height, pixels [default: the trained image's, or in proportion to --width].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SIDE)))]
     height: Option<u32>,
-    /// Implementation of exp, sin and other functions: polynomial, libm, micromath, recurrence.
+    /// Implementation of exp, sin and other functions: polynomial (fast), libm (reference), micromath (small code),
+    /// recurrence (polynomial; sines of an encoding by angle doubling).
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     math: MathBackend,
 }

@@ -37,8 +37,8 @@ pub struct DataOptions {
     /// Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics: shared (one set for all photographs of a device) or own (those of the COLMAP reconstruction,
-    /// unchanged) [default: shared; with a scene file: as trained].
+    /// Intrinsics of a COLMAP reconstruction: shared (one set for all photographs of a device, adjusted again) or own
+    /// (as reconstructed; for a zoom lens) [default: shared; with a scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Allow transforms files to name images outside the data set's folder.

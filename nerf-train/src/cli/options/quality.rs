@@ -19,7 +19,7 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Compositing weight that samples accumulate before colour is evaluated again; 0: evaluate colour at every sample.
+    /// Evaluate colour once for each such sum of compositing weights: larger is faster and less exact; 0: every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space: ignore the occupancy grid.
@@ -31,11 +31,12 @@ pub struct QualityOptions {
     /// Exact rendering: --no-occupancy --transmittance-cut 0 --colour-cut 0.
     #[arg(long, conflicts_with_all = ["no_occupancy", "transmittance_cut", "colour_cut"])]
     pub exact: bool,
-    /// Implementation of exp, sin and other functions: polynomial, libm, micromath, recurrence.
+    /// Implementation of exp, sin and other functions: polynomial (fast), libm (reference), micromath (small code),
+    /// recurrence (polynomial; sines of an encoding by angle doubling).
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Scenes without a learned grid: place samples from near to far as trained (own) or across the scene box (whole)
-    /// [default: whole; own in eval].
+    /// Scenes without a learned grid: part of a ray that is sampled: from near to far, as in training (own), or all of
+    /// the scene box, for cameras elsewhere (whole) [default: whole; own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }

@@ -127,7 +127,8 @@ impl<'d> RayBank<'d> {
         self.cameras = cameras;
     }
 
-    /// Line of sight of ray `index` and index of its view; `None` for rays after the first eighth of the batch.
+    /// Index of a view and a line of sight of this view, drawn for ray `index`. Only the first eighth of a batch follows
+    /// lines of sight; other rays have `None`.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
             return None;

@@ -280,7 +280,7 @@ impl Axes {
         format!("{} world unit{plural} long", self.length)
     }
 
-    /// End point of the axis in direction `unit`, world units.
+    /// End point of the drawn axis that begins at `origin` and has the direction `unit`; world coordinates.
     pub fn tip(&self, unit: Vec3) -> Vec3 {
         self.origin + self.length * unit
     }
