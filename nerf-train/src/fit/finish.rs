@@ -100,9 +100,11 @@ pub(crate) fn convention(views: usize, lattice: u32, background: [f32; 3], confi
         1 => String::new(),
         step => format!("one pixel of {step}x{step}, "),
     };
-    let sampling = match config.network.grid {
-        Some(_) => format!("{} march steps across the scene", config.sampling.steps_across),
-        None => format!("{} samples a ray", config.sampling.samples),
+    let s = &config.sampling;
+    let sampling = match (&config.network.grid, s.contraction) {
+        (Some(_), None) => format!("{} march steps across the scene box", s.steps_across),
+        (Some(_), Some(_)) => format!("{} march steps across the uncontracted ball", s.steps_across),
+        (None, _) => format!("{} samples a ray", s.samples),
     };
     format!("mean over {views} validation views, {pixels}background sRGB ({r}, {g}, {b}), {sampling}")
 }
@@ -366,4 +368,22 @@ pub(super) fn ask_direction(
         *candidate = flat;
     }
     Ok(Some(ViewDependence { gain_db, left_out }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::config::Preset;
+
+    #[test]
+    fn a_convention_says_how_rays_are_sampled() {
+        let said = |config: &Config| convention(7, 1, [1.0, 0.0, 1.0], config);
+        let (mut grid, small) = (Preset::Grid.config(), Preset::Small.config());
+        grid.sampling.steps_across = 90;
+        let views = "mean over 7 validation views, background sRGB (255, 0, 255), ";
+        assert_eq!(said(&grid), format!("{views}90 march steps across the scene box"));
+        grid.sampling.contraction = Some(2);
+        assert_eq!(said(&grid), format!("{views}90 march steps across the uncontracted ball"));
+        assert_eq!(said(&small), format!("{views}{} samples a ray", small.sampling.samples));
+    }
 }

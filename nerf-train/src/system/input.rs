@@ -12,7 +12,7 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// Size limit of a scene file, bytes: twice the largest possible grid tables, 2^27 values in f16.
+/// Size limit of a scene file, bytes: twice the largest grid tables of the format, 2^27 values in f16.
 pub const MAX_BLOB_BYTES: u64 = 512 << 20;
 /// Size limit of a JSON file, bytes: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;

@@ -54,6 +54,11 @@ fn fitted_reported_and_rendered(preset: &str) {
     assert_eq!(size(&["--width", "30"], "wide.png"), (30, 20));
     assert_eq!(size(&["--height", "4"], "low.png"), (6, 4));
     assert_eq!(size(&["--width", "5", "--height", "7"], "odd.png"), (5, 7));
+    let large = folder.path("large.png");
+    fails(
+        ["image", "render", &file, "-o", &large, "--height", "65535"],
+        &["--height", "65535 pixels a side", "x65535"],
+    );
     // What the fit shows is what its blob shows.
     let of = |path: &str| image::open(path).expect("a picture").into_rgb8();
     assert_eq!(of(&folder.path("same.png")), of(&format!("{report}/picture.png")));

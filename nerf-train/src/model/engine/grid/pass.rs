@@ -273,7 +273,7 @@ fn raw_densities(
     d_raw: &mut Vec<f32>,
 ) {
     grow(d_raw, padded(samples.len()) * VECTOR);
-    // By the function that computed the densities: another rounding of the limit would let clamped ones pass.
+    // By the polynomial of the densities, so that both are rounded alike.
     let largest = exp(EXPONENTIAL_LIMIT);
     for (state, by_transmittance) in evaluated.rays.iter().zip(by_transmittance) {
         let mut behind = by_transmittance * state.transmittance;
