@@ -80,7 +80,7 @@ pub struct Outcome {
     pub occupied_share: f32,
     /// Seconds from the start until the last step, reading and validation included.
     pub train_seconds: f64,
-    /// Samples per second of training: those whose density was evaluated, and those that were trained on.
+    /// Samples per second of training: samples with an evaluated density, and samples that gradients were computed for.
     pub samples_per_second: [f64; 2],
 }
 

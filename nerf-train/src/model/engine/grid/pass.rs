@@ -10,7 +10,6 @@ use super::vector::Mask;
 use crate::model::engine::graph::{VECTOR, padded};
 use crate::model::engine::{Batch, Model, Phase, Phases, RayGradient, Surface};
 use nerf_core::encoding::{GridEncoding, GridTables};
-use nerf_core::math::polynomial::exp;
 use nerf_core::matrix::Init;
 use nerf_core::network::EXPONENTIAL_LIMIT;
 use nerf_core::simd::Isa;
@@ -273,8 +272,6 @@ fn raw_densities(
     d_raw: &mut Vec<f32>,
 ) {
     grow(d_raw, padded(samples.len()) * VECTOR);
-    // By the polynomial of the densities, so that both are rounded alike.
-    let largest = exp(EXPONENTIAL_LIMIT);
     for (state, by_transmittance) in evaluated.rays.iter().zip(by_transmittance) {
         let mut behind = by_transmittance * state.transmittance;
         for i in (state.kept.0..state.kept.1).rev() {
@@ -283,7 +280,7 @@ fn raw_densities(
             behind += samples.counted[i] * by_weight[i];
             // d sigma / d raw is sigma below the limit of the exponential, and 0 above.
             let sigma = evaluated.sigma[row];
-            let slope = if sigma < largest { sigma } else { 0.0 };
+            let slope = if sigma < EXPONENTIAL_LIMIT.exp() { sigma } else { 0.0 };
             // In this order of factors: sigma times the length of a wide bin alone may overflow.
             d_raw[i * VECTOR] =
                 samples.scale[i] * samples.inverse_probability[i] * slope * of_depth * evaluated.deltas[row];
