@@ -22,6 +22,8 @@ pub enum Purpose {
     Aperture = 8,
     /// Russian roulette: choice of the samples of low weight that are trained on.
     Faint = 9,
+    /// Direction and spacing of the pixels on a line, whose depths training compares.
+    Line = 10,
 }
 
 /// Returns 32 random bits: number `index` of the stream that `seed`, `purpose` and `stream` identify. `stream`: for

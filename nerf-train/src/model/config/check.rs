@@ -40,8 +40,9 @@ pub(super) fn check(config: &Config) -> Result<(), ConfigError> {
     if let Some(grid) = &n.grid {
         check_beside_grid(n, grid, g)?;
     }
-    let sound = s.distortion.is_finite() && s.distortion >= 0.0;
-    rule("sampling.distortion", sound, "finite, at least 0", s.distortion)?;
+    for (field, weight) in [("sampling.distortion", s.distortion), ("sampling.smoothness", s.smoothness)] {
+        rule(field, weight.is_finite() && weight >= 0.0, "finite, at least 0", weight)?;
+    }
     let depth = config.capture.depth;
     rule("capture.depth", depth.is_finite() && depth >= 0.0, "finite, at least 0", depth)?;
     if let Some(power) = s.contraction {

@@ -122,6 +122,8 @@ pub struct SamplingConfig {
     /// Weight of the distortion loss, which concentrates the compositing weights along a ray; 0 for none. Unbounded
     /// scenes only. The unit of distance in this loss is the side of the contracted cube.
     pub distortion: f32,
+    /// Weight of the smoothness loss, which draws surfaces of even colour towards planes; 0 for none. Unbounded scenes only.
+    pub smoothness: f32,
 }
 
 /// How training uses a capture's sparse points, exposures, poses and moving objects.

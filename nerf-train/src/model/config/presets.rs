@@ -68,6 +68,7 @@ fn grid() -> Config {
             scene_box: None,
             contraction: None,
             distortion: 0.01,
+            smoothness: 0.2,
         },
         occupancy: OccupancyConfig {
             skip: true,

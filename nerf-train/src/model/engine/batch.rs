@@ -9,6 +9,9 @@ pub(super) const SAMPLES: usize = 512;
 /// Number of rays at which a chunk is full, even if it has few samples: rays without samples cost time, too.
 const RAYS: usize = 2048;
 
+/// Number of rays of a line ([`Batch::lines`]). Chunks hold whole lines.
+pub const LINE: usize = 4;
+
 /// Entry of a ray in a batch: direction, target colour, background and number of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Default)]
 pub struct BatchRay {
@@ -95,6 +98,12 @@ pub struct Batch {
     pub weights: Vec<f32>,
     /// Weight of the distortion loss, per unit of length in the space of `positions`; 0 for none.
     pub distortion: f32,
+    /// Index of the first ray of each line, ascending multiples of [`LINE`]: its [`LINE`] rays, which follow each other, pass
+    /// through equally spaced pixels on a line of a photograph.
+    pub lines: Vec<u32>,
+    /// Weight of the smoothness loss, to which the lines are subject, and the contraction of the world into the space of
+    /// `positions`. `None`: no smoothness loss.
+    pub smoothness: Option<(f32, Contraction)>,
 }
 
 impl Batch {
@@ -113,6 +122,8 @@ impl Batch {
         self.question = None;
         self.gains.clear();
         self.weights.clear();
+        self.lines.clear();
+        self.smoothness = None;
     }
 
     /// Checks that lists have matching lengths and that every number is finite.
@@ -122,6 +133,7 @@ impl Batch {
             if self.gradient_scales.is_empty() { self.deltas.len() } else { self.gradient_scales.len() };
         let towards = self.rays.iter().take(self.surfaces.len()).map(|ray| u64::from(ray.samples)).sum();
         let rays = self.rays.len() as u64;
+        let origins = self.question.is_some() || self.smoothness.is_some();
         let a_ray = |found: usize| (if found == 0 { 0 } else { rays }, found);
         for (field, (expected, found)) in [
             ("positions", (claimed, self.positions.len())),
@@ -133,7 +145,7 @@ impl Batch {
             ("pixels", a_ray(self.pixels.len())),
             ("gains", a_ray(self.gains.len())),
             ("weights", a_ray(self.weights.len())),
-            ("origins", if self.question.is_some() { (rays, self.origins.len()) } else { (0, 0) }),
+            ("origins", if origins { (rays, self.origins.len()) } else { (0, 0) }),
         ] {
             if expected != found as u64 {
                 return Err(BatchError::Length { field, expected, found });
@@ -173,7 +185,15 @@ impl Batch {
                 return bad("empty", index);
             }
         }
-        for (field, weight) in [("empty_weight", self.empty_weight), ("distortion", self.distortion)] {
+        let whole =
+            |&line: &u32| (line as usize).is_multiple_of(LINE) && u64::from(line) + LINE as u64 <= rays;
+        if !(self.lines.iter().all(whole) && self.lines.is_sorted_by(|a, b| a < b)) {
+            return Err(BatchError::Lines);
+        }
+        let smoothness = self.smoothness.map_or(0.0, |(weight, _)| weight);
+        for (field, weight) in
+            [("empty_weight", self.empty_weight), ("distortion", self.distortion), ("smoothness", smoothness)]
+        {
             if !weight.is_finite() {
                 return bad(field, 0);
             }
@@ -189,6 +209,8 @@ pub enum BatchError {
     Length { field: &'static str, expected: u64, found: usize },
     #[error("{field}[{index}] is not finite, or a negative length")]
     NonFinite { field: &'static str, index: usize },
+    #[error("lines: expected ascending multiples of {LINE}, each the first of {LINE} of the batch's rays")]
+    Lines,
 }
 
 /// Part of a batch that one thread evaluates as a unit: rays with their samples, or points in empty cells.
@@ -204,9 +226,10 @@ pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();
     let share = total.div_ceil(total.div_ceil(most).next_multiple_of(2).max(1));
-    let (mut rays, mut samples) = (0..0, 0..0);
+    let (mut rays, mut samples) = (0..0usize, 0..0);
     for BatchRay { samples: more, .. } in &batch.rays {
-        let full = samples.len() >= share.max(1) || rays.len() == RAYS;
+        let within = !batch.lines.is_empty() && !rays.end.is_multiple_of(LINE);
+        let full = (samples.len() >= share.max(1) || rays.len() == RAYS) && !within;
         if full && !rays.is_empty() {
             chunks.push(Chunk::Rays { rays: rays.clone(), samples: samples.clone() });
             (rays, samples) = (rays.end..rays.end, samples.end..samples.end);

@@ -85,7 +85,7 @@ mod volume_grad;
 #[cfg(test)]
 mod tests;
 
-pub use batch::{Batch, BatchError, BatchRay, RayGradient, RayQuestion, Surface};
+pub use batch::{Batch, BatchError, BatchRay, LINE, RayGradient, RayQuestion, Surface};
 pub use fused::FusedEngine;
 pub use grid::{GridEngine, GridReferenceEngine};
 pub use model::{Dense, Model, ModelError, Part};

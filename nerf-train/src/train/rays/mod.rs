@@ -1,14 +1,16 @@
 //! Batches: the pixels of a step, their rays, and the samples along the rays.
 
+mod lines;
 mod march;
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::{Background, View};
 use crate::model::config::{Config, Jitter, SamplingConfig};
-use crate::model::engine::{Batch, BatchRay, Surface};
+use crate::model::engine::{Batch, BatchRay, LINE, Surface};
 use crate::train::Bounds;
 use crate::train::occupancy::is_foreground;
 use glam::Vec3;
+use lines::{pixels_on_line, rays_on_lines};
 pub use march::MarchCells;
 use march::{March, MarchContracted, Samples};
 use nerf_core::camera::{Camera, Ray};
@@ -63,6 +65,7 @@ struct Marched {
     pixels: Vec<u32>,
     /// Origin of each ray, world units.
     origins: Vec<[f32; 3]>,
+    lines: Vec<u32>,
     time: Duration,
 }
 
@@ -135,6 +138,22 @@ impl<'d> RayBank<'d> {
         }
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
         self.sights.get(scale(bits, self.sights.len() as u64) as usize)
+    }
+
+    /// Index of a view, and of the pixels of the rays on the line of ray `index`. `None`: the ray does not lie on a line.
+    fn line(&self, step: u64, index: u64, rays: usize) -> Option<(usize, [usize; LINE])> {
+        let first = index - index % LINE as u64;
+        let on_lines = rays_on_lines(rays / SIGHT_SHARE, rays);
+        if self.bounds.contraction.is_none()
+            || self.sampling.smoothness == 0.0
+            || !on_lines.contains(&(first as usize))
+        {
+            return None;
+        }
+        let (view, pixel) = self.random_pixel(step, first, rays);
+        let bits = uniform_u32(self.seed, Purpose::Line, step, first);
+        let pixels = pixels_on_line(self.views[view].size(), pixel, bits)?;
+        pixels.iter().all(|&pixel| self.views[view].counts(pixel)).then_some((view, pixels))
     }
 
     pub fn pixels(&self) -> u64 {
@@ -221,11 +240,16 @@ impl<'d> RayBank<'d> {
         batch.roulette = Some((self.seed, step));
         batch.distortion =
             self.sampling.distortion / (self.bounds.scene_box.max - self.bounds.scene_box.min).max_element();
+        batch.smoothness =
+            (self.sampling.smoothness > 0.0).then_some((self.sampling.smoothness, *contraction));
         let far = contraction.step_at(self.bounds.far);
         marched(batch, rays, CONTRACTED_CHUNK, |range, found| {
             for (index, (view, pixel), ray, mut batch_ray) in self.targets(step, range, rays) {
                 let before = found.samples.positions.len();
                 found.origins.push(ray.origin.to_array());
+                if index.is_multiple_of(LINE as u64) && self.line(step, index, rays).is_some() {
+                    found.lines.push(index as u32);
+                }
                 let (ray, start) = contraction.centred(&ray);
                 let first = contraction.step_at(self.bounds.near - start);
                 let u = uniform(self.seed, Purpose::Jitter, step, index);
@@ -304,6 +328,14 @@ impl<'d> RayBank<'d> {
         if let Some(&(view, Sight { at: [x, y], .. })) = self.sight(step, index, rays) {
             return (view, y as usize * self.views[view].size().0 as usize + x as usize);
         }
+        match self.line(step, index, rays) {
+            Some((view, pixels)) => (view, pixels[index as usize % LINE]),
+            None => self.random_pixel(step, index, rays),
+        }
+    }
+
+    /// Indices of a random view and of a pixel in it, as [`SamplingConfig::images`] states.
+    fn random_pixel(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
         if self.sampling.images > 0 {
             let group = index / (rays.div_ceil(self.sampling.images) as u64);
@@ -420,6 +452,7 @@ fn marched(
         batch.views.extend(found.views);
         batch.pixels.extend(found.pixels);
         batch.origins.extend(found.origins);
+        batch.lines.extend(found.lines);
         batch.positions.extend(found.samples.positions);
         batch.deltas.extend(found.samples.deltas);
         batch.gradient_scales.extend(found.samples.gradient_scales);

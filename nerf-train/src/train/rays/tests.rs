@@ -1,4 +1,5 @@
 use super::*;
+use crate::data::demo;
 use crate::model::config::Preset;
 use nerf_core::space::SceneBox;
 
@@ -96,4 +97,39 @@ fn every_step_ray_and_bin_of_training_has_a_fraction_of_its_own() {
         // chance.
         assert!(100 * seen.len() >= 99 * count, "{jitter:?}: {} of {count}", seen.len());
     }
+}
+
+#[test]
+fn rays_of_a_line_pass_through_equally_spaced_pixels_that_no_mask_covers() {
+    let mut views = demo::small(9, 1, 64).train;
+    views[0].mask = Some((0..64 * 64).map(|pixel| pixel % 64 < 40).collect());
+    let scene_box = Contraction::cube(Vec3::ZERO, 1.0);
+    let contraction = Contraction::new(&scene_box, 1);
+    let bounds = Bounds { near: 0.1, far: 100.0, scene_box, contraction, empty_before: 0.1 };
+    let mut config = Preset::Grid.config().unbounded();
+    let lines_of = |config: &Config| {
+        let bank = RayBank::new(&views, Background::Unknown, bounds, config).unwrap();
+        let (mut lines, rays) = (0, 403);
+        for (step, first) in (0..20).flat_map(|step| (0..403).step_by(LINE).map(move |first| (step, first))) {
+            let Some((view, pixels)) = bank.line(step, first, rays) else { continue };
+            lines += 1;
+            let sources = (0..LINE as u64).map(|k| bank.source(step, first + k, rays));
+            assert!(sources.eq(pixels.iter().map(|&pixel| (view, pixel))), "{step}, {first}");
+            let [(x, y), (next_x, next_y), ..] = pixels.map(|pixel| (pixel % 64, pixel / 64));
+            assert!((next_x == x) != (next_y == y), "{pixels:?}");
+            assert!(pixels.windows(2).all(|pair| pair[1] - pair[0] == pixels[1] - pixels[0]), "{pixels:?}");
+            assert!(pixels.iter().all(|&pixel| views[view].counts(pixel)), "{view}: {pixels:?}");
+            let dirs = pixels.map(|pixel| ray_of(&views[view].camera, pixel).dir);
+            assert!(dirs[0].cross(dirs[1]).dot(dirs[3]).abs() < 1e-5, "{pixels:?}");
+        }
+        lines
+    };
+    // One in eight of 403 rays, in lines of four; some of those across the mask's edge are not drawn.
+    let found = lines_of(&config);
+    assert!((200..=240).contains(&found), "{found} lines");
+    config.sampling.smoothness = 0.0;
+    assert_eq!(lines_of(&config), 0);
+    assert_eq!(pixels_on_line((5, 5), 24, 0), Some([21, 22, 23, 24]));
+    assert_eq!(pixels_on_line((5, 5), 24, 4), Some([9, 14, 19, 24]));
+    assert_eq!(pixels_on_line((5, 5), 24, 1), None);
 }

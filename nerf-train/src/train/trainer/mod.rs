@@ -210,6 +210,8 @@ impl<'d> Trainer<'d> {
         for step in 0..HELD_OUT_STEPS {
             let share = f64::from(step) / f64::from(HELD_OUT_STEPS);
             bank.fill_marched(self.kernel.isa, &mut self.batch, step.into(), rays, &cells, width);
+            // Smoothness says nothing about where a camera stood.
+            self.batch.smoothness = None;
             self.batch.question = Some(Poses::question(share, contraction));
             self.engine.ask(&self.batch)?;
             poses.add(&self.batch, self.engine.ray_gradients());

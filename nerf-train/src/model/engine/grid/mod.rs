@@ -37,6 +37,7 @@ mod reference;
 mod samples;
 mod scatter;
 mod shade;
+mod smoothness;
 mod vector;
 
 #[cfg(test)]
@@ -46,7 +47,7 @@ pub use reference::GridReferenceEngine;
 
 use super::optimiser::{check_values, usable};
 use super::{
-    Adam, Batch, Engine, EngineError, Model, OptimiserState, Phases, RayGradient, StepLoss, check_step,
+    Adam, Batch, Engine, EngineError, LINE, Model, OptimiserState, Phases, RayGradient, StepLoss, check_step,
 };
 use crate::model::quantise::{Rounding, scales};
 use crate::system::lock;
@@ -144,7 +145,9 @@ impl GridEngine {
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
         let job = Job { isa: self.isa, model: &self.model, grid: &self.grid, tables, layers: &self.layers };
         let chunk_rays = match &self.layers.density {
-            Some(_) => (batch.rays.len() / FEWEST_CHUNKS).clamp(FEWEST_RAYS, CHUNK_RAYS),
+            Some(_) => {
+                (batch.rays.len() / FEWEST_CHUNKS).next_multiple_of(LINE).clamp(FEWEST_RAYS, CHUNK_RAYS)
+            }
             None => CHUNK_PIXELS,
         };
         let mut firsts = Vec::with_capacity(batch.rays.len().div_ceil(chunk_rays) + 1);

@@ -6,6 +6,7 @@ use super::rays::{RayScratch, distortion_gradient};
 use super::samples::Samples;
 use super::scatter::Kept;
 use super::shade::{Shade, Shaded};
+use super::smoothness;
 use super::vector::Mask;
 use crate::model::engine::graph::{VECTOR, padded};
 use crate::model::engine::{Batch, Model, Phase, Phases, RayGradient, Surface};
@@ -152,6 +153,8 @@ impl Scratch {
     /// Returns the sum of squared errors. Sets `by_shown`, `by_transmittance` and, without colour terms, `by_weight`.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
+        let read = (&self.evaluated, &self.samples);
+        smoothness::add_gradient(batch, rays.clone(), read, &mut self.by_weight);
         self.by_shown.clear();
         self.by_transmittance.clear();
         let mut squared = 0.0;

@@ -26,7 +26,7 @@ use nerf_core::encoding::GridEncoding;
 use nerf_core::space::SceneBox;
 use std::borrow::Cow;
 use std::ops::Range;
-use terms::{distortion, surfaces, with_gradient_scaled};
+use terms::{distortion, smoothness, surfaces, with_gradient_scaled};
 
 /// Trains a scene's grid with dfdx's tape and Adam: `--engine dfdx`, and the oracle of [`super::GridEngine`] in tests.
 pub struct GridReferenceEngine {
@@ -162,7 +162,10 @@ impl GridReferenceEngine {
             transmittance.try_mul(device.try_tensor_from_vec(kept.unkept.clone(), (rays.len(),))?)?;
         let weights = front.try_mul(alpha(tau)?)?.try_mul(inverse()?)?;
 
-        let towards = surfaces(&rows, batch, indices.clone(), kept, &weights, &transmittance)?;
+        let mut other = surfaces(&rows, batch, indices.clone(), kept, &weights, &transmittance)?;
+        if let Some(smoothness) = smoothness(&rows, batch, indices.clone(), kept, &weights)? {
+            other = other.try_add(smoothness)?;
+        }
         let dirs: Vec<_> = rays.iter().map(|ray| ray.dir).collect();
         // The features of a ray without kept samples are divided by 1 instead of 0.
         let none = kept.counts.iter().map(|&count| f32::from(u8::from(count == 0))).collect();
@@ -190,7 +193,7 @@ impl GridReferenceEngine {
         let target = of_rays(|ray| ray.rgb)?.try_mul(roots.clone())?;
         let error = squared_error(seen.try_mul(roots)?, target, 1.0 / (3 * batch.rays.len()) as f32)?;
         let mse = error.array();
-        let error = error.try_add(towards)?;
+        let error = error.try_add(other)?;
         let total = if batch.distortion == 0.0 {
             with_tape(error, weights.split_tape().1)
         } else {

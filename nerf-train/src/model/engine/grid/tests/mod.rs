@@ -13,6 +13,7 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
 use nerf_core::network::Shading;
+use nerf_core::space::Contraction;
 
 /// Returns a box with unequal sides that is not centred at 0.
 fn bounds() -> SceneBox {
@@ -136,6 +137,17 @@ fn exposed_towards_surfaces(mut batch: Batch) -> Batch {
     batch
 }
 
+/// Adds lines, subject to the smoothness loss, to the batch. Neighbouring pixels have similar colours.
+fn on_lines(mut batch: Batch) -> Batch {
+    let (middle, rays) = (Vec3::new(0.25, 1.5, 0.25), batch.rays.len() as u32);
+    batch.origins = batch.rays.iter().map(|ray| (middle - 4.0 * Vec3::from(ray.dir)).to_array()).collect();
+    batch.rays.iter_mut().for_each(|ray| ray.rgb = ray.rgb.map(|c| 0.4 + 0.1 * c));
+    // The second line is left out, to test that lines need not follow each other.
+    batch.lines = (0..rays / LINE as u32).filter(|line| *line != 1).map(|line| line * LINE as u32).collect();
+    batch.smoothness = Some((0.3, Contraction::new(&Contraction::cube(middle, 1.0), 1).unwrap()));
+    batch
+}
+
 /// Gains of the photographs of [`exposed_towards_surfaces`].
 const GAINS: [[f32; 3]; 3] = [[0.7, 0.8, 0.9], [1.0; 3], [1.2, 1.3, 1.1]];
 
@@ -201,7 +213,7 @@ fn difference(model: &Model, p: &[f64], batch: &Batch, index: usize) -> (f64, f6
         let mut p = p.to_vec();
         p[index] += h;
         let found = oracle::loss(model, &bounds(), &p, batch);
-        found.loss + found.distortion + found.surfaces
+        found.loss + found.distortion + found.surfaces + found.smoothness
     };
     let [low, here, high] = [-1e-5, 0.0, 1e-5].map(at);
     ((high - low) / 2e-5, (high + low - 2.0 * here).abs() / 2e-5)
@@ -264,6 +276,10 @@ fn gradients_of_tables_and_layers_are_finite_differences() {
             let worst = worst_of_differences(name, &model, &mut engine, &batch);
             println!("{name}, {rays} rays, surfaces and gains: {worst:.1e}");
             assert!(worst < 2e-4, "{name}, {rays} rays, surfaces and gains: {worst}");
+            let batch = on_lines(batch_of(rays, 30 + seed));
+            let worst = worst_of_differences(name, &model, &mut engine, &batch);
+            println!("{name}, {rays} rays, lines: {worst:.1e}");
+            assert!(worst < 2e-4, "{name}, {rays} rays, lines: {worst}");
         }
     }
     for (name, model) in pictures() {
@@ -366,7 +382,8 @@ fn gradients_of_tables_and_layers_are_those_of_the_tape() {
         for (case, batch) in [
             ("plain", plain.clone()),
             ("distortion", Batch { distortion: 0.1, ..plain.clone() }),
-            ("surfaces and gains", exposed_towards_surfaces(plain)),
+            ("surfaces and gains", exposed_towards_surfaces(plain.clone())),
+            ("lines", on_lines(plain)),
             ("faint", faint),
             ("gated", gated),
         ] {

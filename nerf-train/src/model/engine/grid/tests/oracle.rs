@@ -3,6 +3,7 @@
 //! No sample is left out, and no ray ends early. If the engine leaves samples out, the two losses differ.
 
 use crate::model::engine::{Batch, Dense, Model, Part, Surface};
+use glam::DVec3;
 use nerf_core::encoding::{DirectionEncoding, GridEncoding};
 use nerf_core::space::SceneBox;
 
@@ -130,10 +131,31 @@ pub(super) struct Found {
     pub distortion: f64,
     /// Mean over rays of the depth loss of known surfaces.
     pub surfaces: f64,
+    /// Smoothness loss, times its weight.
+    pub smoothness: f64,
     /// Smallest compositing weight of a sample.
     pub least_weight: f64,
     /// Smallest transmittance in front of a sample.
     pub least_transmittance: f64,
+}
+
+/// Returns the smoothness loss of rays with the given disparities, times its weight.
+fn smoothness(batch: &Batch, disparities: &[f64]) -> f64 {
+    let Some((weight, _)) = batch.smoothness else { return 0.0 };
+    let mut sum = 0.0;
+    for first in batch.lines.iter().flat_map(|&line| [line as usize, line as usize + 1]) {
+        let dirs = [0, 1, 2].map(|k| DVec3::from(batch.rays[first + k].dir.map(f64::from)));
+        let sine = |i: usize, k: usize| dirs[i].cross(dirs[k]).length();
+        let parts = [sine(1, 2), -sine(0, 2), sine(0, 1)];
+        let residual: f64 = (0..3).map(|k| 2.0 * parts[k] * disparities[first + k] / sine(0, 2)).sum();
+        let step = |k: usize, c: usize| {
+            let [a, b] = [0, 1].map(|i| f64::from(batch.rays[first + k + i].rgb[c]));
+            (a - b).abs()
+        };
+        let edge = (0..6).map(|i| step(i / 3, i % 3)).fold(0.0, f64::max);
+        sum += (-20.0 * edge).exp() * ((residual * residual + 1e-4).sqrt() - 0.01);
+    }
+    f64::from(weight) * sum / batch.rays.len() as f64
 }
 
 pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Found {
@@ -141,10 +163,11 @@ pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Fo
         loss: 0.0,
         distortion: 0.0,
         surfaces: 0.0,
+        smoothness: 0.0,
         least_weight: f64::INFINITY,
         least_transmittance: 1.0,
     };
-    let mut first = 0;
+    let (mut first, mut disparities) = (0, Vec::new());
     for (index, ray) in batch.rays.iter().enumerate() {
         let (mut transmittance, mut along) = (1.0f64, 0.0f64);
         let (mut weights, mut features) = (Vec::new(), Vec::new());
@@ -170,6 +193,15 @@ pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Fo
             let costs: f64 = weights.iter().enumerate().map(cost).sum();
             found.surfaces += f64::from(surface.weight) * (costs + transmittance * clip);
         }
+        if let Some((_, contraction)) = &batch.smoothness {
+            let origin = DVec3::from(batch.origins[index].map(f64::from));
+            let disparity = |(i, (w, _)): (usize, &(f64, f64))| {
+                let point = contraction.in_world(batch.positions[first + i].into());
+                let distance = (point.as_dvec3() - origin).dot(ray.dir.map(f64::from).into());
+                w * f64::from(contraction.radius()) / distance
+            };
+            disparities.push(weights.iter().enumerate().map(disparity).sum::<f64>());
+        }
         first += ray.samples as usize;
         for (w, s) in &weights {
             found.distortion += weights.iter().map(|(v, t)| w * v * (s - t).abs()).sum::<f64>();
@@ -185,5 +217,6 @@ pub(super) fn loss(m: &Model, bounds: &SceneBox, p: &[f64], batch: &Batch) -> Fo
     found.loss /= (3 * batch.rays.len()).max(1) as f64;
     found.distortion *= f64::from(batch.distortion) / batch.rays.len().max(1) as f64;
     found.surfaces /= batch.rays.len().max(1) as f64;
+    found.smoothness = smoothness(batch, &disparities);
     found
 }

@@ -1,0 +1,148 @@
+//! Smoothness loss: draws the disparities along lines of pixels of similar colour towards those of a plane.
+//!
+//! Disparity is the inverse of the distance along a ray. Where rays from one camera meet a plane, disparity is a linear
+//! function of the ray's direction. A linear relation between the directions of three rays, whose pixels lie on a line, thus
+//! also holds for the disparities of a plane:
+//!
+//! ```text
+//! D_k = Σ_i w_i d_i                       disparity of ray k, with compositing weights w and disparities d of its samples
+//! r = 2 (a D_0 − b D_1 + c D_2) / b       0 on a plane
+//! a = |dir_1 × dir_2|, b = |dir_0 × dir_2|, c = |dir_0 × dir_1|
+//! L = Σ exp(−20 e) (√(r² + 0.01²) − 0.01) e: largest difference of a channel between neighbours among the three pixels
+//! ```
+//!
+//! The unit of distance is the radius of the uncontracted ball. The sum is over three neighbours of each line at a time.
+//!
+//! # Source
+//! Godard, Mac Aodha and Brostow 2017 (weights by colour), Niemeyer et al. 2022 (RegNeRF). Deviation: second differences, since
+//! the first differences of a tilted plane are not 0.
+
+use super::evaluate::Evaluated;
+use super::samples::Samples;
+use crate::model::engine::{Batch, LINE};
+use glam::Vec3;
+use nerf_core::space::Contraction;
+use std::ops::Range;
+
+/// Decrease of the logarithm of a triple's weight per difference of colour.
+const EDGE: f32 = 20.0;
+/// Residual above which the loss is about linear instead of quadratic.
+pub(super) const SOFT: f32 = 0.01;
+/// Smallest distance of a sample from its camera that counts, radii.
+const NEAREST: f32 = 1e-3;
+
+/// Three neighbouring rays on a line.
+pub(super) struct Triple {
+    /// Index in the batch of the first of the rays, which follow each other.
+    pub first: usize,
+    /// Factors on the disparities of the three rays, whose sum is the residual `r`.
+    pub factors: [f32; 3],
+    /// Weight of the triple in the batch's loss.
+    pub weight: f32,
+}
+
+/// Returns the triples of all lines of the batch that begin within `rays`.
+pub(super) fn triples(batch: &Batch, rays: Range<usize>) -> impl Iterator<Item = Triple> {
+    let starts = |ray: usize| batch.lines.partition_point(|&line| (line as usize) < ray);
+    let lines = &batch.lines[starts(rays.start)..starts(rays.end)];
+    let weight = batch.smoothness.map_or(0.0, |(weight, _)| weight) / batch.rays.len() as f32;
+    lines.iter().flat_map(|&line| line as usize..line as usize + LINE - 2).map(move |first| {
+        let [from, mid, to] = [0, 1, 2].map(|k| &batch.rays[first + k]);
+        let sine = |a: &[f32; 3], b: &[f32; 3]| Vec3::from(*a).cross(Vec3::from(*b)).length();
+        let whole = sine(&from.dir, &to.dir);
+        let edge = |k: usize| (from.rgb[k] - mid.rgb[k]).abs().max((mid.rgb[k] - to.rgb[k]).abs());
+        let edge = edge(0).max(edge(1)).max(edge(2));
+        // Rays in one direction, as of a point mirrored by a lens, determine no plane.
+        let of = |part: f32| if whole > 0.0 { 2.0 * part / whole } else { 0.0 };
+        let factors = [of(sine(&mid.dir, &to.dir)), -of(whole), of(sine(&from.dir, &mid.dir))];
+        Triple { first, factors, weight: weight * (-EDGE * edge).exp() }
+    })
+}
+
+/// Returns the disparity of sample `sample` of ray `ray`, both indices in the batch; 1/radius of the uncontracted ball.
+pub(super) fn disparity(batch: &Batch, contraction: &Contraction, ray: usize, sample: usize) -> f32 {
+    let point = contraction.in_world(batch.positions[sample].into());
+    let distance = (point - Vec3::from(batch.origins[ray])).dot(batch.rays[ray].dir.into());
+    (distance / contraction.radius()).max(NEAREST).recip()
+}
+
+/// Adds the gradient of the smoothness loss with respect to each kept sample's weight to `by_weight`. `rays`: the chunk's rays
+/// in the batch; they hold whole lines.
+pub(super) fn add_gradient(
+    batch: &Batch,
+    rays: Range<usize>,
+    (evaluated, samples): (&Evaluated, &Samples),
+    by_weight: &mut [f32],
+) {
+    let Some((_, contraction)) = &batch.smoothness else { return };
+    let kept = |ray: usize| {
+        let (first, end) = evaluated.rays[ray - rays.start].kept;
+        first..end
+    };
+    let of_sample = |ray: usize, i: usize| {
+        disparity(batch, contraction, ray, evaluated.index_of[samples.row[i] as usize] as usize)
+    };
+    for Triple { first, factors, weight } in triples(batch, rays.clone()) {
+        let mean = |ray: usize| -> f32 { kept(ray).map(|i| samples.counted[i] * of_sample(ray, i)).sum() };
+        let residual: f32 = (0..3).map(|k| factors[k] * mean(first + k)).sum();
+        let slope = weight * residual / residual.hypot(SOFT);
+        for (k, factor) in factors.iter().enumerate() {
+            for i in kept(first + k) {
+                by_weight[i] += slope * factor * of_sample(first + k, i);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::engine::BatchRay;
+
+    /// Returns a batch of one line, whose pixels are `spacing` focal lengths apart and have the given brightness.
+    fn line(spacing: f32, brightness: [f32; LINE]) -> Batch {
+        let contraction = Contraction::new(&Contraction::cube(Vec3::ZERO, 2.0), 1).expect("a cube");
+        let mut batch = Batch { lines: vec![0], smoothness: Some((1.0, contraction)), ..Batch::default() };
+        for (k, rgb) in brightness.into_iter().enumerate() {
+            let dir = Vec3::new(0.2 + k as f32 * spacing, -0.3, 1.0).normalize();
+            batch.rays.push(BatchRay { dir: dir.to_array(), rgb: [rgb; 3], ..BatchRay::default() });
+        }
+        batch
+    }
+
+    fn residuals(batch: &Batch, distance: impl Fn(Vec3) -> f32) -> Vec<f32> {
+        let of = |triple: Triple| {
+            let term = |k: usize| triple.factors[k] / distance(batch.rays[triple.first + k].dir.into());
+            (0..3).map(term).sum()
+        };
+        triples(batch, 0..LINE).map(of).collect()
+    }
+
+    #[test]
+    fn a_plane_has_no_residual_however_it_is_tilted_and_a_sphere_and_an_edge_have_one() {
+        for spacing in [0.002, 0.02, 0.2] {
+            let batch = line(spacing, [0.5; LINE]);
+            let normals = [Vec3::Z, Vec3::new(0.3, 0.1, 0.6), Vec3::new(-0.7, 2.0, 0.9)];
+            for normal in normals {
+                let flat = residuals(&batch, |dir| 2.0 / normal.dot(dir));
+                assert_eq!(flat.len(), 2);
+                assert!(flat.iter().all(|r| r.abs() < 1e-4), "{spacing}, {normal}: {flat:?}");
+            }
+            // The sphere is around the camera: on it all distances are equal.
+            let sphere = residuals(&batch, |_| 2.0);
+            let edge = residuals(&batch, |dir| if dir.x / dir.z > 0.2 + 1.5 * spacing { 2.0 } else { 3.0 });
+            println!("{spacing}: {sphere:?} {edge:?}");
+            assert!(spacing < 0.1 || sphere.iter().all(|r| r.abs() > 1e-3), "{spacing}: {sphere:?}");
+            assert!(edge.iter().any(|r| r.abs() > 0.1), "{spacing}: {edge:?}");
+        }
+    }
+
+    #[test]
+    fn neighbours_of_another_colour_weigh_less() {
+        let weights =
+            |brightness| triples(&line(0.1, brightness), 0..LINE).map(|t| t.weight).collect::<Vec<_>>();
+        let (even, edge) = (weights([0.5; LINE]), weights([0.5, 0.5, 0.5, 0.8]));
+        assert_eq!(even, [0.25, 0.25]);
+        assert!(edge[0] == 0.25 && edge[1] < 0.001, "{edge:?}");
+    }
+}
