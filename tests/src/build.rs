@@ -4,9 +4,8 @@ use crate::paths;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::OnceLock;
 
-/// What `cargo build --release -p nerf-render-ffi` leaves.
+/// The C library in both of its forms.
 #[derive(Clone, Debug)]
 pub struct Libraries {
     /// `libnerf_render.a`
@@ -15,28 +14,24 @@ pub struct Libraries {
     pub shared: PathBuf,
 }
 
-/// The libraries, built once per test program.
+/// The libraries that cargo built for this test program, and so of the same sources. Their core has the feature `train`
+/// besides, which adds nothing to what C sees; `.ci/run` and the tests of packages build it without.
 pub fn libraries() -> Libraries {
-    static BUILT: OnceLock<Libraries> = OnceLock::new();
-    BUILT.get_or_init(build).clone()
+    // Beside the executable that runs: target/release/deps/test-0123.
+    let own = std::env::current_exe().expect("a path");
+    let beside = own.parent().expect("a folder");
+    let built = |name: &str| {
+        let file = beside.join(name);
+        assert!(file.exists(), "{}: expected the library beside the test program", file.display());
+        file
+    };
+    Libraries { archive: built("libnerf_render.a"), shared: built("libnerf_render.so") }
 }
 
 /// The cargo that runs the tests, or else the one of PATH. Not `env!("CARGO")`: cargo at another path, as in `.ci/run`,
 /// would compile this crate and all its tests anew.
 fn cargo() -> OsString {
     std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
-}
-
-fn build() -> Libraries {
-    let mut command = Command::new(cargo());
-    command.current_dir(paths::workspace());
-    command.args(["build", "--release", "--offline", "-p", "nerf-render-ffi", "--message-format=json"]);
-    let names = files(&mut command);
-    let with = |name: &str| names.iter().find(|file| file.ends_with(name));
-    Libraries {
-        archive: with("libnerf_render.a").expect("cargo built a static library").clone(),
-        shared: with("libnerf_render.so").expect("cargo built a shared library").clone(),
-    }
 }
 
 /// Builds one thing with the features of `arguments` alone; what the build left, by cargo's word.

@@ -102,17 +102,21 @@ fn a_wall_in_front_of_cameras_side_by_side_is_fitted_where_it_is() {
     let wall = before_a_wall(false);
     let plain = folder.npz_of("wall.npz", &wall, |_| {});
     let (file, film) = (folder.path("a.nerf"), folder.path("views.gif"));
-    let small =
-        ["--table", "12", "--rays", "256", "--set", "sampling.live_samples=8192", "--steps", "600", "-q"];
-    ok([&["fit", &plain, "-o", &file, "--near", "2", "--far", "4", "--space", "contracted"], &small[..]]
-        .concat());
+    // Of seeds 0 to 5, from 20.0 to 27.0 dB, one in the middle.
+    let small = ["--table", "12", "--rays", "256", "--set", "sampling.live_samples=8192", "--steps", "600"];
+    ok([
+        &["fit", &plain, "-o", &file, "--near", "2", "--far", "4", "--space", "contracted"],
+        &small[..],
+        &["--seed", "1", "-q"],
+    ]
+    .concat());
     assert_eq!(power(&file), Some(1));
     let psnr = measured(&file, &plain);
     let views = ["--path", &plain, "--split", "val", "--outputs", "z-depth", "--json", "-q"];
     let said = ok([&["render", &file, "-o", &film, "--width", "24"], &views[..]].concat());
     let said: serde_json::Value = serde_json::from_str(&said).expect("one object");
     println!("{psnr:.2} dB, z-depth {}", said["z_depth_range"]);
-    assert!(psnr > 20.0, "{psnr}");
+    assert!(psnr > 23.0, "{psnr}");
     for depth in [0, 1].map(|end| said["z_depth_range"][end].as_f64().expect("a distance")) {
         assert!((depth / f64::from(DISTANCE) - 1.0).abs() < 0.35, "{said}");
     }
