@@ -1,22 +1,21 @@
 //! Batches: the pixels of a step, their rays, and the samples along the rays.
 
-mod lines;
 mod march;
+mod pixels;
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::{Background, View};
 use crate::model::config::{Config, Jitter, SamplingConfig};
 use crate::model::engine::{Batch, BatchRay, LINE, Surface};
 use crate::train::Bounds;
-use crate::train::occupancy::is_foreground;
 use glam::Vec3;
-use lines::{pixels_on_line, rays_on_lines};
 pub use march::MarchCells;
 use march::{March, MarchContracted, Samples};
 use nerf_core::camera::{Camera, Ray};
 use nerf_core::sampling::{Bins, OccupancyGrid, Purpose, uniform, uniform_u32};
 use nerf_core::simd::Isa;
 use nerf_core::space::Contraction;
+use pixels::{counting, near_foreground, pixels_on_line, rays_on_lines};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -469,46 +468,6 @@ fn scale(bits: u32, count: u64) -> u64 {
 fn ray_of(camera: &Camera, pixel: usize) -> Ray {
     let width = camera.intrinsics().width as usize;
     camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5)
-}
-
-/// Margin around the foreground, pixels. Only pixels of the foreground and this margin are drawn for batches.
-const FOREGROUND_MARGIN: usize = 4;
-
-/// Indices of the pixels within [`FOREGROUND_MARGIN`] of the foreground; `None` if photographs do not show it.
-pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
-    let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
-        let (width, height) = view.size();
-        let (width, height) = (width as usize, height as usize);
-        let mut mask = Vec::with_capacity(view.pixels.len());
-        for &pixel in &view.pixels {
-            mask.push(is_foreground(pixel, background)?);
-        }
-        if let Some(kept) = &view.mask {
-            mask.iter_mut().zip(kept).for_each(|(mask, kept)| *mask &= kept);
-        }
-        let spread = |mask: &[bool], stride: usize, length: usize, at: usize, line: usize| {
-            let from = at.saturating_sub(FOREGROUND_MARGIN);
-            (from..(at + FOREGROUND_MARGIN + 1).min(length)).any(|i| mask[line + i * stride])
-        };
-        let rows: Vec<bool> =
-            (0..mask.len()).map(|i| spread(&mask, 1, width, i % width, i / width * width)).collect();
-        let near = |i: &usize| spread(&rows, width, height, i / width, i % width) && view.counts(*i);
-        let near = (0..mask.len()).filter(near);
-        Some(near.map(|i| (start + i as u64) as u32).collect())
-    };
-    let parts: Option<Vec<Vec<u32>>> = views.par_iter().zip(starts).map(of_view).collect();
-    Some(parts?.concat())
-}
-
-/// Indices, among the pixels of all views, of the unmasked pixels; `None` if no view has a mask. The data set
-/// guarantees that each view has an unmasked pixel and that, with masks, there are at most 2^32 pixels in all.
-pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
-    views.iter().any(|view| view.mask.is_some()).then_some(())?;
-    let of_view = |(view, &start): (&View, &u64)| {
-        let kept = (0..view.pixels.len()).filter(|&i| view.counts(i));
-        kept.map(|i| (start + i as u64) as u32).collect::<Vec<_>>()
-    };
-    Some(views.iter().zip(starts).flat_map(of_view).collect())
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 mod oracle;
 mod rays;
+mod smoothness;
 
 use super::*;
 use crate::model::config::{Preset, TableConfig};

@@ -1,3 +1,7 @@
+//! Tests of the batches' rays.
+
+mod march;
+
 use super::*;
 use crate::data::demo;
 use crate::model::config::Preset;
