@@ -52,7 +52,7 @@ pub(super) fn triples(batch: &Batch, rays: Range<usize>) -> impl Iterator<Item =
         let whole = sine(&from.dir, &to.dir);
         let edge = |k: usize| (from.rgb[k] - mid.rgb[k]).abs().max((mid.rgb[k] - to.rgb[k]).abs());
         let edge = edge(0).max(edge(1)).max(edge(2));
-        // Rays in one direction, as of a point mirrored by a lens, determine no plane.
+        // Three rays in one direction determine no plane.
         let of = |part: f32| if whole > 0.0 { 2.0 * part / whole } else { 0.0 };
         let factors = [of(sine(&mid.dir, &to.dir)), -of(whole), of(sine(&from.dir, &mid.dir))];
         Triple { first, factors, weight: weight * (-EDGE * edge).exp() }
