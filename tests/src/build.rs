@@ -14,8 +14,8 @@ pub struct Libraries {
     pub shared: PathBuf,
 }
 
-/// The libraries that cargo built for this test program, and so of the same sources. Their core has the feature `train`
-/// besides, which adds nothing to what C sees; `.ci/run` and the tests of packages build it without.
+/// The libraries that cargo built for this test program, hence from the same sources. Their core also has the feature
+/// `train`, which does not change the C interface; `.ci/run` and the package tests build without it.
 pub fn libraries() -> Libraries {
     // Beside the executable that runs: target/release/deps/test-0123.
     let own = std::env::current_exe().expect("a path");

@@ -22,7 +22,7 @@ pub enum Purpose {
     Aperture = 8,
     /// Russian roulette: choice of the samples of low weight that are trained on.
     Faint = 9,
-    /// Direction and spacing of the pixels on a line, whose depths training compares.
+    /// Direction and spacing of a line's pixels, for training's smoothness loss.
     Line = 10,
 }
 

@@ -98,11 +98,11 @@ pub struct Batch {
     pub weights: Vec<f32>,
     /// Weight of the distortion loss, per unit of length in the space of `positions`; 0 for none.
     pub distortion: f32,
-    /// Index of the first ray of each line, ascending multiples of [`LINE`]: its [`LINE`] rays, which follow each other, pass
-    /// through equally spaced pixels on a line of a photograph.
+    /// Index of each line's first ray, a multiple of [`LINE`]; ascending. A line is [`LINE`] consecutive rays through equally
+    /// spaced pixels on a row or column of a photograph.
     pub lines: Vec<u32>,
-    /// Weight of the smoothness loss, to which the lines are subject, and the contraction of the world into the space of
-    /// `positions`. `None`: no smoothness loss.
+    /// Weight of the smoothness loss on `lines`, and the contraction of the world into the space of `positions`. `None`: no
+    /// smoothness loss.
     pub smoothness: Option<(f32, Contraction)>,
 }
 

@@ -139,7 +139,7 @@ impl<'d> RayBank<'d> {
         self.sights.get(scale(bits, self.sights.len() as u64) as usize)
     }
 
-    /// Index of a view, and of the pixels of the rays on the line of ray `index`. `None`: the ray does not lie on a line.
+    /// View index and pixel indices of all rays on the line that holds ray `index`. `None`: the ray is on no line.
     fn line(&self, step: u64, index: u64, rays: usize) -> Option<(usize, [usize; LINE])> {
         let first = index - index % LINE as u64;
         let on_lines = rays_on_lines(rays / SIGHT_SHARE, rays);

@@ -8,17 +8,17 @@ use std::ops::Range;
 
 /// One in this number of rays of an unbounded scene lies on a line.
 const LINE_SHARE: usize = 8;
-/// Longer side of a photograph, in multiples of the smallest spacing of a line's pixels.
+/// The smallest spacing of a line's pixels is a photograph's longer side divided by this.
 const SPACINGS: usize = 60;
 
-/// Indices of the rays on lines in a batch of `rays` rays whose first `before` rays do not lie on lines.
+/// Returns which of a batch's `rays` rays lie on lines: one in eight, none of the first `before`.
 pub(super) fn rays_on_lines(before: usize, rays: usize) -> Range<usize> {
     let first = before.next_multiple_of(LINE);
     first..first + rays / LINE_SHARE / LINE * LINE
 }
 
-/// Returns row-major indices of equally spaced pixels on the row or the column of `pixel`. Their spacing is a sixtieth of the
-/// longer side, or two, four or eight times as much; 3 random bits of `bits` decide. `None`: the photograph is too small.
+/// Returns row-major indices of equally spaced pixels on the row or the column of `pixel`, 1, 2, 4 or 8 sixtieths of the
+/// longer side apart. Three random bits of `bits` choose row or column, and spacing. `None`: the photograph is too small.
 pub(super) fn pixels_on_line((width, height): (u32, u32), pixel: usize, bits: u32) -> Option<[usize; LINE]> {
     let (width, height) = (width as usize, height as usize);
     let spacing = (width.max(height) / SPACINGS).max(1) << (bits & 3);

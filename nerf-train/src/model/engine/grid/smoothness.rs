@@ -1,17 +1,15 @@
 //! Smoothness loss: draws the disparities along lines of pixels of similar colour towards those of a plane.
 //!
-//! Disparity is the inverse of the distance along a ray. Where rays from one camera meet a plane, disparity is a linear
-//! function of the ray's direction. A linear relation between the directions of three rays, whose pixels lie on a line, thus
-//! also holds for the disparities of a plane:
+//! Disparity is 1 / distance along a ray, in inverse radii of the uncontracted ball. Where rays from one camera meet a plane,
+//! disparity is linear in the ray's direction. Directions of three rays whose pixels lie on a line satisfy
+//! `a dir_0 − b dir_1 + c dir_2 = 0`; on a plane, so do their disparities. Over every three neighbours on each line:
 //!
 //! ```text
-//! D_k = Σ_i w_i d_i                       disparity of ray k, with compositing weights w and disparities d of its samples
-//! r = 2 (a D_0 − b D_1 + c D_2) / b       0 on a plane
+//! L = Σ exp(−20 e) (√(r² + 0.01²) − 0.01)   e: largest difference in any channel between neighbours among the pixels
+//! r = 2 (a D_0 − b D_1 + c D_2) / b         0 on a plane
 //! a = |dir_1 × dir_2|, b = |dir_0 × dir_2|, c = |dir_0 × dir_1|
-//! L = Σ exp(−20 e) (√(r² + 0.01²) − 0.01) e: largest difference of a channel between neighbours among the three pixels
+//! D_k = Σ_i w_i d_i                         disparity of ray k, from its samples' compositing weights w, disparities d
 //! ```
-//!
-//! The unit of distance is the radius of the uncontracted ball. The sum is over three neighbours of each line at a time.
 //!
 //! # Source
 //! Godard, Mac Aodha and Brostow 2017 (weights by colour), Niemeyer et al. 2022 (RegNeRF). Deviation: second differences, since
@@ -28,16 +26,16 @@ use std::ops::Range;
 const EDGE: f32 = 20.0;
 /// Residual above which the loss is about linear instead of quadratic.
 pub(super) const SOFT: f32 = 0.01;
-/// Smallest distance of a sample from its camera that counts, radii.
+/// Sample distances below this number of radii of the uncontracted ball are raised to it.
 const NEAREST: f32 = 1e-3;
 
 /// Three neighbouring rays on a line.
 pub(super) struct Triple {
-    /// Index in the batch of the first of the rays, which follow each other.
+    /// Index in the batch of the first ray; the other two come directly after it.
     pub first: usize,
-    /// Factors on the disparities of the three rays, whose sum is the residual `r`.
+    /// Factors `f_k` of the three disparities: `r = Σ_k f_k D_k`.
     pub factors: [f32; 3],
-    /// Weight of the triple in the batch's loss.
+    /// Weight of the triple in the batch's loss: `exp(−20 e)` times the loss's weight over the number of rays.
     pub weight: f32,
 }
 
@@ -59,7 +57,7 @@ pub(super) fn triples(batch: &Batch, rays: Range<usize>) -> impl Iterator<Item =
     })
 }
 
-/// Returns the disparity of sample `sample` of ray `ray`, both indices in the batch; 1/radius of the uncontracted ball.
+/// Returns the disparity of `sample` on `ray` (indices in the batch), in inverse radii of the uncontracted ball.
 pub(super) fn disparity(batch: &Batch, contraction: &Contraction, ray: usize, sample: usize) -> f32 {
     let point = contraction.in_world(batch.positions[sample].into());
     let distance = (point - Vec3::from(batch.origins[ray])).dot(batch.rays[ray].dir.into());
