@@ -341,11 +341,11 @@ fn a_signal_is_an_error_object_for_a_program_that_follows() {
     let gif = folder.path("a.gif");
     let mut running =
         Running::start(&["render", file, "-o", &gif, "--orbit", "100000", "--json", "--width", "16"]);
-    // What is in its temporary shows that views are drawn: an empty one may be asking whether files can be written.
+    // So many bytes in its temporary show that views are drawn; the film's beginning is there before the first view.
     let begun = Instant::now();
     let drawn = || {
         let files = std::fs::read_dir(folder.path(".")).expect("a folder").flatten();
-        files.filter_map(|file| file.metadata().ok()).any(|file| file.len() > 0)
+        files.filter_map(|file| file.metadata().ok()).any(|file| file.len() > 10_000)
     };
     while !drawn() && begun.elapsed() < Duration::from_secs(60) {
         std::thread::sleep(Duration::from_millis(5));
