@@ -341,7 +341,7 @@ fn a_signal_is_an_error_object_for_a_program_that_follows() {
     let gif = folder.path("a.gif");
     let mut running =
         Running::start(&["render", file, "-o", &gif, "--orbit", "100000", "--json", "--width", "16"]);
-    // So many bytes in its temporary show that views are drawn; the film's beginning is there before the first view.
+    // Views are drawn once its temporary has 10,000 bytes; the film's beginning is there before the first view.
     let begun = Instant::now();
     let drawn = || {
         let files = std::fs::read_dir(folder.path(".")).expect("a folder").flatten();

@@ -22,7 +22,7 @@ use glam::Vec3;
 use nerf_core::space::Contraction;
 use std::ops::Range;
 
-/// Factor of the colour difference `e` in the exponent of a triple's weight.
+/// Decay rate of a triple's weight `exp(−EDGE e)` with the colour difference `e`.
 const EDGE: f32 = 20.0;
 /// Residual above which the loss is about linear instead of quadratic.
 pub(super) const SOFT: f32 = 0.01;
