@@ -72,21 +72,24 @@ pub(super) fn add_gradient(
     (evaluated, samples): (&Evaluated, &Samples),
     by_weight: &mut [f32],
 ) {
-    let Some((_, contraction)) = &batch.smoothness else { return };
+    let triples: Vec<Triple> = triples(batch, rays.clone()).collect();
+    let (Some((_, contraction)), false) = (&batch.smoothness, triples.is_empty()) else { return };
+    let of_sample = |(&row, &ray): (&u32, &u32)| {
+        let sample = evaluated.index_of[row as usize] as usize;
+        disparity(batch, contraction, rays.start + ray as usize, sample)
+    };
+    let disparities: Vec<f32> = samples.row.iter().zip(&samples.ray).map(of_sample).collect();
     let kept = |ray: usize| {
         let (first, end) = evaluated.rays[ray - rays.start].kept;
         first..end
     };
-    let of_sample = |ray: usize, i: usize| {
-        disparity(batch, contraction, ray, evaluated.index_of[samples.row[i] as usize] as usize)
-    };
-    for Triple { first, factors, weight } in triples(batch, rays.clone()) {
-        let mean = |ray: usize| -> f32 { kept(ray).map(|i| samples.counted[i] * of_sample(ray, i)).sum() };
+    for Triple { first, factors, weight } in triples {
+        let mean = |ray: usize| -> f32 { kept(ray).map(|i| samples.counted[i] * disparities[i]).sum() };
         let residual: f32 = (0..3).map(|k| factors[k] * mean(first + k)).sum();
         let slope = weight * residual / residual.hypot(SOFT);
         for (k, factor) in factors.iter().enumerate() {
             for i in kept(first + k) {
-                by_weight[i] += slope * factor * of_sample(first + k, i);
+                by_weight[i] += slope * factor * disparities[i];
             }
         }
     }
