@@ -111,7 +111,7 @@ enum nerf_status
      */
     NERF_STATUS_MEMORY = 5,
     /**
-     * Two ranges of memory that must be apart overlap.
+     * Two ranges of memory overlap, but must not.
      */
     NERF_STATUS_OVERLAP = 6,
     /**
@@ -633,9 +633,9 @@ typedef struct nerf_scene_info {
     float far_distance;
     /**
      * The scene's own number of samples per ray. If `step` is 0: number of samples between near and far, in equal bins
-     * or placed by a proposal network. Otherwise: number of steps along the diagonal of the scene box. In an unbounded
-     * scene: number of steps along a ray through the centre of the ball of radius `contraction_radius`. These steps
-     * begin where the ray enters the ball, and end at distance `far_distance` beyond the centre.
+     * or placed by a proposal network. If `step` is not 0 and the scene is bounded: number of steps along the diagonal
+     * of the scene box. If the scene is unbounded: number of steps along a ray through the centre of the ball of
+     * radius `contraction_radius`, from the ray's entry into the ball to distance `far_distance` beyond the centre.
      */
     uint32_t samples;
     /**
@@ -753,9 +753,9 @@ typedef struct nerf_scene_info {
     float contraction_radius;
     /**
      * Exponent `p` of the growth of steps outside the ball of `contraction_radius`: 1, 2 or 4; 0 if the scene ends at
-     * its box. Samples are equally spaced in a position `s` along the ray. The distance from the ray's point nearest
-     * to the ball's centre is `s` radii up to `s = 1`, and `(1 - (s - 1) / p)^-p` radii beyond. With 1, samples are
-     * uniform in disparity (1 / distance); with 4, nearly uniform in the logarithm of the distance.
+     * its box. Samples are equally spaced in a position `s` along the ray. A sample's distance from the ray's point
+     * nearest to the ball's centre is `s` radii up to `s = 1`, and `(1 - (s - 1) / p)^-p` radii beyond. If `p` is 1,
+     * samples are uniform in disparity (1 / distance); if `p` is 4, nearly uniform in the logarithm of the distance.
      */
     uint32_t contraction_power;
     /**
@@ -948,9 +948,9 @@ typedef struct nerf_render_options {
     /**
      * Number of samples per ray, at most 4096; 0 for the scene's own number. If samples lie in equal bins (`step` of
      * `nerf_scene_info` is 0), this is the number of bins between near and far. If samples have a fixed step, this is
-     * the number of steps along the diagonal of the scene box; in an unbounded scene, along the ray that
-     * `nerf_scene_info` describes at its `samples`. With a proposal network, this is the number of samples that the
-     * network places; the evaluations of the proposal network come on top.
+     * the number of steps along the diagonal of the scene box. In an unbounded scene, this is the number of steps on
+     * the ray that is described at `samples` of `nerf_scene_info`. With a proposal network, this is the number of
+     * samples that the network places; evaluations of the proposal network are counted separately.
      */
     uint32_t samples;
     /**
@@ -1019,7 +1019,7 @@ typedef struct nerf_render_options {
      */
     uint32_t reserved;
     /**
-     * Effects; all zeros for none.
+     * Jitter of samples, anti-aliasing, depth of field, exposure, tone curve, linear output; all zeros for none.
      */
     struct nerf_effects effects;
 } nerf_render_options;
@@ -1308,7 +1308,7 @@ typedef struct nerf_rays {
     /**
      * Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene with a fixed
      * step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample interval
-     * begins at `t_min` or where the ray enters the box, whichever is farther: another `t_min` can move all samples.
+     * begins at `t_min` or where the ray enters the box, whichever is farther: changing `t_min` can move all samples.
      * In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
      */
     struct nerf_floats t_min;
@@ -1681,11 +1681,11 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
  * rays of a camera's pixels give the camera's image, bit for bit. For shadow rays, render opacity alone, which is less
  * work. Other planes do not change the opacity.
  *
- * All rays are checked before the first result is written. `NERF_STATUS_RAY` if `random` is not NULL, or if a ray has
- * an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0 or
- * above `t_max`; the message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which
- * belong to cameras. `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an
- * error message.
+ * All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is not NULL, or if a
+ * ray has an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0
+ * or above `t_max`; the message names the first such ray. Returns `NERF_STATUS_OPTIONS` for anti-aliasing or an
+ * aperture, which belong to cameras. `counters`: NULL, or receives counts of the work on success. `message`: NULL, or
+ * a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -1859,9 +1859,9 @@ nerf_status nerf_quality_point(const struct nerf_scene *scene,
  *
  * If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
  * Pareto front gets fixed settings. `NERF_PRESET_EXACT` is then the exact rendering, and `NERF_PRESET_HIGH` the
- * default options. BALANCED, FAST and PREVIEW then have transmittance cuts of 0.03, 0.1 and 0.1, and colour cuts of
- * 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. On one test scene, these three lost
- * 0.05, 0.2 and 0.9 dB; on yours, the loss is unknown.
+ * default options. BALANCED: transmittance cut 0.03, colour cut 0.03 (lost 0.05 dB on one test scene). FAST:
+ * transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1, four fifths of the
+ * scene's samples (0.9 dB). On your scene, the loss is unknown.
  *
  * `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
  * an error message.

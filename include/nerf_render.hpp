@@ -50,8 +50,8 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether a view may refer to the elements of an argument whose type was deduced as C &&. False only for a temporary
-/// container, which would free them. A container's elements become const with the container, a view's do not.
+/// Whether a view may refer to the elements of an argument of deduced type C &&. False for a temporary container, which
+/// frees its elements. Containers of const elements, such as std::initializer_list, are not recognised.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -532,8 +532,8 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// A plane that receives one output or contains the limits of rays. The plane refers to the caller's memory for all
-/// pixels of target::window; its length is checked. An output without a plane is not computed.
+/// A plane that receives one output or contains the limits of rays. The plane refers to the caller's memory, which
+/// holds all pixels of target::window; target::at checks the length. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -592,7 +592,7 @@ private:
     bool there_ = false;
 };
 
-/// Planes for an image, or for its part `window`; any rectangle in it can be rendered. For rays: planes of one row.
+/// Planes for an image, or for its part `window`; any rectangle inside `window` can be rendered. For rays: one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
     /// Inputs, at most one of the two: distance at which each pixel's ray ends. nerf::z_depth converts depth buffers.
@@ -921,7 +921,7 @@ public:
     nerf_worker *get() const noexcept { return handle_.value; }
 
     /// Renders a camera's image, or its rectangle `part`. `progress`: called before the first tile and after each tile,
-    /// with the arguments (pixels done, all pixels) or none. Returns void or whether to continue; must not throw.
+    /// with (pixels done, all pixels) or no arguments. `progress` returns void or whether to continue; must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {

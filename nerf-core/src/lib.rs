@@ -4,16 +4,16 @@
 //! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
 //!
 //! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on
-//! all cores. Everything else needs neither `std` nor `alloc`, reads fp16 weights directly from the file's bytes, and
-//! does all arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies the memory. A
-//! [`Renderer`] is a scene with unpacked weights and decoded tables. A [`Plan`] holds the settings of a frame. A
-//! [`Worker`] holds a renderer, a plan and memory for any number of calls. In a microcontroller's build without debug
-//! assertions, neither opening a file nor rendering can panic; `examples/firmware` lets the linker prove it.
+//! all cores. The rest of the crate needs neither `std` nor `alloc`, can read fp16 weights directly from the file's
+//! bytes, and does all arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies the
+//! memory. A [`Renderer`] is a scene prepared for one [`Kernel`]. A [`Plan`] holds the settings of a frame.
+//! A [`Worker`] holds a renderer, a plan and memory for any number of calls. In a microcontroller's build without debug
+//! assertions, neither opening a file nor rendering can panic: the linker proves this for `examples/firmware`.
 //!
 //! # The pipeline
 //!
-//! Camera, ray, samples, encoding, trunk, density, weights, colour, pixel. Samples of low weight get no colour.
-//! `docs/architecture.md` draws the pipeline.
+//! The stages are, in order: camera, ray, samples, encoding, trunk, density, weights, colour, pixel. The colour branch
+//! is not evaluated for samples of low weight. `docs/architecture.md` draws the pipeline.
 //!
 //! The modules follow the data flow, and each uses only modules before it in this list. [`memory`], `simd`, `math` and
 //! `matrix` are the basis. [`camera`] makes rays, [`space`] bounds the scene, `sampling` places samples on rays,
@@ -44,8 +44,8 @@
 //! | `far` | distance of pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far, or the camera's distance from the farthest corner of the box if larger. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length: in a march, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
-//! | 2D field | x right, y down, 0 to 1 over the image whatever its aspect; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
-//! | sinusoidal encoding | `[identity,]` then per level `k` `sin(2^k s x)` of all inputs, `cos(2^k s x)` of all inputs; `s` is π or 1 |
+//! | 2D field | x right, y down, each from 0 to 1 over the image, for any aspect ratio; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
+//! | sinusoidal encoding | the inputs themselves (optional); then, for each level `k`, `sin(2^k s x)` of every input, followed by `cos(2^k s x)` of every input; `s` is π or 1 |
 //!
 //! No distance is called just "depth", since the word has three meanings: distance along the ray, distance along the
 //! view axis, median distance.

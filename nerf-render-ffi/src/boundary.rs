@@ -54,12 +54,12 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Returns the address range of the first byte, which every C function writes, also on success; empty if none.
+    /// Address range of the buffer's first byte, which every C function writes, even on success; empty if no buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes the text of `say`, cut to fit and NUL-terminated. Returns the uncut length with the NUL, bytes.
+    /// Writes the text that `say` produces, cut to fit and NUL-terminated. Returns the uncut size with the NUL, bytes.
     pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
         let there = !self.text.is_null() && self.capacity > 0;
         let room = if there { self.capacity - 1 } else { 0 };
@@ -102,7 +102,7 @@ impl Write for Cut {
 
 /// Reason why a call failed: a [`Status`] for programs, and a displayed sentence for people.
 pub(crate) trait Reason: fmt::Display {
-    /// Returns the reason of a call that panicked, which is a defect of this library.
+    /// Returns the reason for the failure of a call that panicked. A panic is a defect of this library.
     #[cfg(feature = "std")]
     fn panic() -> Self;
     fn status(&self) -> Status;
@@ -159,7 +159,7 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Returns the address range of `count` structures of the first one's `struct_size`; empty if `first` is NULL.
+/// Address range of an array of `count` structures, all as long as the first's `struct_size`; empty if `first` is NULL.
 ///
 /// # Safety
 /// `first` is NULL or points to a structure that [`read_versioned`] has read.
@@ -214,7 +214,7 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Converts number `found` of a C enum to `names[found]`. If there is none, the error has `name` and `expected`.
+/// Converts the number `found` of a C enum to `names[found]`; an error with `name` and `expected` for unknown numbers.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,

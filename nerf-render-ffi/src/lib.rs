@@ -1,8 +1,8 @@
 //! C ABI of `nerf-core`: renders radiance fields from C and C++.
 //!
-//! Each C type has a file of its own. This crate's README describes the contract in prose; `include/nerf_render.h` is
-//! generated from these files. Scenes and workers lie in the caller's memory: nothing here allocates or owns memory,
-//! except `scene_file.rs`, which needs the feature `std`.
+//! C types and functions that belong together share a file. This crate's README describes the contract in prose;
+//! `include/nerf_render.h` is generated from these files. Scenes and workers lie in the caller's memory: nothing here
+//! allocates or owns memory, except `scene_file.rs`, which needs the feature `std`.
 #![cfg_attr(not(feature = "std"), no_std)]
 #![allow(unsafe_code, reason = "this crate is the boundary: it turns C's pointers into slices")]
 

@@ -47,8 +47,8 @@ pub struct Choice {
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Calls `choose` for a point of the scene's Pareto front. Writes its settings to `options`; writes its loss, work and
-/// time to `choice`, if `choice` is not NULL. Returns an error if `choose` returns `None`: there is no usable front.
+/// Calls `choose` for a point of the scene's Pareto front. Writes the point's settings to `options`, and the point's
+/// loss, cost and time to `choice`, unless `choice` is NULL. An error if `choose` returns `None`: no usable front.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the calling functions describe.
@@ -201,9 +201,9 @@ pub unsafe extern "C" fn nerf_quality_point(
 ///
 /// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
 /// Pareto front gets fixed settings. `NERF_PRESET_EXACT` is then the exact rendering, and `NERF_PRESET_HIGH` the
-/// default options. BALANCED, FAST and PREVIEW then have transmittance cuts of 0.03, 0.1 and 0.1, and colour cuts of
-/// 0.03, 0.03 and 0.1. PREVIEW also takes only four fifths of the scene's samples. On one test scene, these three lost
-/// 0.05, 0.2 and 0.9 dB; on yours, the loss is unknown.
+/// default options. BALANCED: transmittance cut 0.03, colour cut 0.03 (lost 0.05 dB on one test scene). FAST:
+/// transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1, four fifths of the
+/// scene's samples (0.9 dB). On your scene, the loss is unknown.
 ///
 /// `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
 /// an error message.

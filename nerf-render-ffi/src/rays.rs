@@ -81,7 +81,7 @@ pub struct Rays {
     pub dirs: Floats,
     /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene with a fixed
     /// step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample interval
-    /// begins at `t_min` or where the ray enters the box, whichever is farther: another `t_min` can move all samples.
+    /// begins at `t_min` or where the ray enters the box, whichever is farther: changing `t_min` can move all samples.
     /// In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
     pub t_min: Floats,
     /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
@@ -108,11 +108,11 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 /// rays of a camera's pixels give the camera's image, bit for bit. For shadow rays, render opacity alone, which is less
 /// work. Other planes do not change the opacity.
 ///
-/// All rays are checked before the first result is written. `NERF_STATUS_RAY` if `random` is not NULL, or if a ray has
-/// an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0 or
-/// above `t_max`; the message names the first such ray. `NERF_STATUS_OPTIONS` for anti-aliasing or an aperture, which
-/// belong to cameras. `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an
-/// error message.
+/// All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is not NULL, or if a
+/// ray has an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0
+/// or above `t_max`; the message names the first such ray. Returns `NERF_STATUS_OPTIONS` for anti-aliasing or an
+/// aperture, which belong to cameras. `counters`: NULL, or receives counts of the work on success. `message`: NULL, or
+/// a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -192,7 +192,7 @@ impl Arrays {
         Ok(Self { origins, dirs, t_min, t_max, random, read })
     }
 
-    /// Returns ray `i` with its `t_min` and `t_max`. If their array is NULL, `t_min` is 0 and `t_max` is infinity.
+    /// Returns ray `i` with its `t_min` (0 if that array is NULL) and `t_max` (infinity if that array is NULL).
     ///
     /// # Safety
     /// As for [`Numbers::at`].

@@ -64,9 +64,9 @@ pub struct RenderOptions {
     pub struct_size: usize,
     /// Number of samples per ray, at most 4096; 0 for the scene's own number. If samples lie in equal bins (`step` of
     /// `nerf_scene_info` is 0), this is the number of bins between near and far. If samples have a fixed step, this is
-    /// the number of steps along the diagonal of the scene box; in an unbounded scene, along the ray that
-    /// `nerf_scene_info` describes at its `samples`. With a proposal network, this is the number of samples that the
-    /// network places; the evaluations of the proposal network come on top.
+    /// the number of steps along the diagonal of the scene box. In an unbounded scene, this is the number of steps on
+    /// the ray that is described at `samples` of `nerf_scene_info`. With a proposal network, this is the number of
+    /// samples that the network places; evaluations of the proposal network are counted separately.
     pub samples: u32,
     /// Transmittance threshold, less than 1: once a ray's transmittance is below the threshold, the ray ends, and its
     /// opacity becomes 1. 0 for `NERF_TRANSMITTANCE_CUT_DEFAULT`; `NERF_NONE` (or any value below 0) ends no ray.
@@ -105,7 +105,7 @@ pub struct RenderOptions {
     pub own_bins: u32,
     /// Reserved; must be 0.
     pub reserved: u32,
-    /// Effects; all zeros for none.
+    /// Jitter of samples, anti-aliasing, depth of field, exposure, tone curve, linear output; all zeros for none.
     pub effects: Effects,
 }
 
@@ -180,8 +180,8 @@ impl Settings {
         Ok(of_scene.plan(blob, outputs, self.batch)?)
     }
 
-    /// Returns an error if the options do not suit RGBA planes, which are premultiplied. A tone curve must be applied
-    /// to the colour itself. Exposure multiplies light, and hence needs linear output.
+    /// Returns an error if the options do not suit RGBA planes: a tone curve cannot be applied to premultiplied colour,
+    /// and exposure needs linear output, since exposure multiplies light.
     pub fn check_tone_of_alpha(&self) -> Result<(), Failure> {
         let tone = self.frame.effects.tone;
         let fits = tone == Tone::NONE || (tone.linear && tone.map == ToneMap::None);

@@ -72,9 +72,9 @@ pub struct SceneInfo {
     /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
     /// The scene's own number of samples per ray. If `step` is 0: number of samples between near and far, in equal bins
-    /// or placed by a proposal network. Otherwise: number of steps along the diagonal of the scene box. In an unbounded
-    /// scene: number of steps along a ray through the centre of the ball of radius `contraction_radius`. These steps
-    /// begin where the ray enters the ball, and end at distance `far_distance` beyond the centre.
+    /// or placed by a proposal network. If `step` is not 0 and the scene is bounded: number of steps along the diagonal
+    /// of the scene box. If the scene is unbounded: number of steps along a ray through the centre of the ball of
+    /// radius `contraction_radius`, from the ray's entry into the ball to distance `far_distance` beyond the centre.
     pub samples: u32,
     /// Background colour, which shows where opacity is below 1, display-encoded.
     pub background: [f32; 3],
@@ -136,9 +136,9 @@ pub struct SceneInfo {
     /// All space outside the ball is contracted into the box, a cube whose side is 4 radii.
     pub contraction_radius: f32,
     /// Exponent `p` of the growth of steps outside the ball of `contraction_radius`: 1, 2 or 4; 0 if the scene ends at
-    /// its box. Samples are equally spaced in a position `s` along the ray. The distance from the ray's point nearest
-    /// to the ball's centre is `s` radii up to `s = 1`, and `(1 - (s - 1) / p)^-p` radii beyond. With 1, samples are
-    /// uniform in disparity (1 / distance); with 4, nearly uniform in the logarithm of the distance.
+    /// its box. Samples are equally spaced in a position `s` along the ray. A sample's distance from the ray's point
+    /// nearest to the ball's centre is `s` radii up to `s = 1`, and `(1 - (s - 1) / p)^-p` radii beyond. If `p` is 1,
+    /// samples are uniform in disparity (1 / distance); if `p` is 4, nearly uniform in the logarithm of the distance.
     pub contraction_power: u32,
     /// Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.
     pub storage: u32,

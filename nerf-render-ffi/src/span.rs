@@ -84,7 +84,7 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// Returns a plane's bytes; `data`: its top left pixel. The caller has checked that no address overflows.
+    /// Returns the bytes of a plane. `data`: address of the top left pixel. The caller has checked for overflow.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -119,7 +119,7 @@ impl PlaneBytes {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether the planes are interleaved channels of one structure, by offsets and strides, and share no byte.
+    /// Whether, by their offsets and strides, the planes are interleaved channels of one structure and share no byte.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;

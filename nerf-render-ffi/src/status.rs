@@ -18,7 +18,7 @@ pub enum Status {
     Alignment = 4,
     /// The caller's memory is smaller than the result of the size query.
     Memory = 5,
-    /// Two ranges of memory that must be apart overlap.
+    /// Two ranges of memory overlap, but must not.
     Overlap = 6,
     /// A size or a range of addresses overflows.
     Overflow = 7,

@@ -181,7 +181,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Shows the background in `worker` unless there is an RGBA plane; an error if its options do not suit RGBA.
+    /// Makes `worker` composite over the background, or over black for RGBA; an error if the options do not suit RGBA.
     pub fn set_up(&self, worker: &mut State) -> Result<(), Failure> {
         let alpha = self.surfaces.iter().flatten().any(|surface| surface.format.has_alpha());
         if alpha {
@@ -212,7 +212,7 @@ impl Canvas {
         }
     }
 
-    /// Writes pixel `i` of a target with one row to every output plane.
+    /// Writes `pixel` to every output plane of a target with one row, as pixel `i`.
     #[inline]
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         for surface in self.surfaces.iter().flatten() {

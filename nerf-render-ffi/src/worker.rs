@@ -131,7 +131,7 @@ pub(crate) unsafe fn with_worker(
     result
 }
 
-/// Calls `body` with the state and a copy of the structure at `asked`; writes its result to `counters` unless NULL.
+/// Calls `body` with the state and a copy of `*asked`. Writes the result of `body` to `counters` if not NULL.
 ///
 /// # Safety
 /// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
@@ -186,7 +186,7 @@ struct Checked {
 }
 
 /// Sizes of the parts of a worker's memory, in lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels
-/// (`pixels`), and the renderer's workspace (`rest`). `bytes`: sum of these and of the list of fields, bytes.
+/// (`pixels`), and the renderer's workspace (`rest`). `bytes`: size of these parts and of the list of scenes, bytes.
 struct Shares {
     own: usize,
     pixels: usize,

@@ -35,7 +35,7 @@ pub struct Body<'a> {
     pub proposal: Option<Proposal<'a>>,
     /// Origin of the blob: data, program, settings and measured PSNR.
     pub provenance: Provenance<'a>,
-    /// Weights and biases of the scene's network as little-endian f16, in the order of [`Architecture::layers`].
+    /// Weights and biases of the network as little-endian f16, in the order of [`Architecture::layers`].
     #[serde(serialize_with = "as_bytes")]
     pub weights: &'a [u8],
     /// The table entries of the grid encoding; present if and only if a grid encodes the position.
@@ -178,8 +178,8 @@ pub enum SceneSampling {
     /// point of the ray that is nearest to the ball's middle.
     Contracted {
         /// Length of a step in the inner ball as a fraction of the ball's radius: above 0 and at most 1. Since steps
-        /// grow outside the ball, even an infinite line has finitely many. A line through the ball's middle has
-        /// `2 (1 + power) / step`, which must be at most [`MAX_SAMPLES`].
+        /// grow outside the ball, an infinite line through the ball's middle has a finite number of steps:
+        /// `2 (1 + power) / step`. This number must be at most [`MAX_SAMPLES`].
         step: f32,
         /// The power `p` in [`Contraction::distance`], which sets how steps outside the inner ball grow: 1, 2 or 4.
         power: u8,
@@ -200,7 +200,7 @@ impl SceneFacts {
         }
     }
 
-    /// Distance between successive samples, world units. In an unbounded scene, the distance inside the inner ball.
+    /// Sample spacing, world units: the mean if a proposal network places samples; in the inner ball if unbounded.
     pub fn step(&self) -> f32 {
         match self.sampling {
             SceneSampling::Contracted { step, .. } => {
@@ -221,9 +221,9 @@ impl SceneFacts {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Length of a ray through the middle of the inner ball, from its entry into the ball to distance `far` past the
-    /// middle. The length is a difference of positions `s` ([`Contraction::distance`]): radii of the ball inside the
-    /// ball, less than one per radius outside. 0 in a bounded scene.
+    /// Length of a ray through the middle of the inner ball, from the ray's entry into the ball to distance `far` past
+    /// the middle; 0 in a bounded scene. Measured in positions `s` ([`Contraction::distance`]): one unit of `s` is one
+    /// radius of the ball inside the ball, and more than one radius outside.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -314,8 +314,8 @@ pub struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    /// Shape of the proposal network as an [`Architecture`], which always has a colour head. [`Proposal::weights`]
-    /// holds no parameters of this head, only the first [`Architecture::density_parameters`].
+    /// Shape of the proposal network as an [`Architecture`]. This type always has a colour head, but
+    /// [`Proposal::weights`] holds only the [`Architecture::density_parameters`]: trunk and density head.
     pub fn architecture(&self) -> Architecture {
         Architecture {
             position: self.position.into(),

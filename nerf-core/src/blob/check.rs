@@ -15,8 +15,8 @@ use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
 
-/// Checks the body by all rules of the format except canonical form, for which see `check_form` in `view.rs`. Includes
-/// the entropy-coded tables.
+/// Checks the body, including entropy-coded tables, by all rules of the format except one: canonical form is checked by
+/// `check_form` in `view.rs`.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     check_undecoded(body)?;
     check_coded(body)
@@ -101,7 +101,7 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     }
 }
 
-/// Whether a camera pose can be computed from the viewpoint.
+/// Whether a camera pose can be computed from the viewpoint, and `arc` is 0 to 2π.
 fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
     let (eye, up) = (Vec3::from(viewpoint.eye), Vec3::from(viewpoint.up));
     let back = eye - Vec3::from(viewpoint.target);
@@ -122,8 +122,8 @@ fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
         }
 }
 
-/// Checks that the encoding's largest angle inside the box is at most the largest angle for which this crate's sine and
-/// cosine are accurate: [`SIN_COS_DOMAIN`] with [`AngleScale::One`], any finite angle with [`AngleScale::Pi`].
+/// Checks that this crate's sine and cosine are accurate for the encoding's largest angle inside the box. The limit is
+/// [`SIN_COS_DOMAIN`] with [`AngleScale::One`]. With [`AngleScale::Pi`] any finite angle is allowed.
 fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), BlobError> {
     // The highest level multiplies coordinates by 2^(levels − 1).
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element();

@@ -73,10 +73,10 @@ impl Model {
         (begin, end - begin)
     }
 
-    /// Adapts the model to `symbol` by moving the beginning of each interval towards a target. In the target, the
-    /// interval of every other symbol has length 1, and that of `symbol` has the remaining length. A beginning moves by
-    /// a fraction of its distance from the target: 1/16 for the first 16 symbols, 1/32 for the next 16, 1/64 for the
-    /// next 96, then 1/128. Rounding down keeps every interval at least 1 long.
+    /// Adapts the model to `symbol` by moving the beginning of each interval towards a target. In the target, all
+    /// intervals have length 1 except the interval of `symbol`, which has the remaining length. A beginning moves by a
+    /// fraction of the distance to the target: 1/16 in the first 16 calls, 1/32 in the next 16, 1/64 in the next 96,
+    /// then 1/128. Rounding down keeps every interval at least 1 long.
     #[inline(always)]
     fn learn(&mut self, symbol: usize) {
         let rate = 4 + [16, 32, 128].iter().filter(|&&seen| self.seen >= seen).count();
@@ -91,7 +91,7 @@ impl Model {
 /// The adaptive probability models of a grid level's symbols, and the context that selects the next symbol's model.
 struct Models {
     models: [Model; 2 * CONTEXTS + SYMBOLS],
-    /// The last decoded values, newest first: the context of the next value.
+    /// The last values that were encoded or decoded, newest first: the context of the next value.
     last: [u8; MAX_FEATURES],
     features: usize,
     feature: usize,

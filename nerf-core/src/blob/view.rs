@@ -149,7 +149,7 @@ impl<'a> Blob<'a> {
         &self.body.provenance
     }
 
-    /// Weights and biases of the scene's network as little-endian f16, in the order of [`Architecture::layers`].
+    /// Weights and biases of the network as little-endian f16, in the order of [`Architecture::layers`].
     pub fn weights(&self) -> &'a [u8] {
         self.body.weights
     }

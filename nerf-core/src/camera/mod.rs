@@ -207,8 +207,8 @@ impl Camera {
         Ok(())
     }
 
-    /// Checks that the lens can be inverted at 17×17 points over the image, unless the distortion is too weak to fail.
-    /// Folds are tested on the segments from the principal point to those of the points that lie on the image's border.
+    /// Checks that the lens can be inverted at 17×17 points over the image, unless the distortion is provably weak.
+    /// Also checks for folds on the segment from the principal point to each of the points on the image's border.
     /// Together, these segments pass near every point of the image.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
@@ -256,12 +256,12 @@ impl Camera {
         &self.intrinsics
     }
 
-    /// The lens this camera was made with.
+    /// Distortion coefficients of the lens.
     pub fn lens(&self) -> &Lens {
         &self.lens
     }
 
-    /// The pose this camera was made with.
+    /// The camera-to-world transform.
     pub fn pose(&self) -> &Pose {
         &self.pose
     }

@@ -16,8 +16,8 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 /// a build without the feature `grid`, which refuses networks with spherical harmonics.
 ///
 /// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Row `l² + l + m` of `out` is `Y_l^m`, orthonormal
-/// over the sphere, with the Condon–Shortley phase: `Y_0^0 = ½ √(1/π)`, `Y_1^{−1,0,1} = −√(3/4π) y, √(3/4π) z, −√(3/4π)
-/// x`. `stride` is a multiple of [`Isa::columns`], or any number with portable instructions.
+/// over the sphere, with the Condon–Shortley phase. Rows 0 to 3: `½ √(1/π)`, `−√(3/4π) y`, `√(3/4π) z`, `−√(3/4π) x`.
+/// `stride`: number of directions. Directions are encoded one by one if it is no multiple of [`Isa::columns`].
 ///
 /// # Accuracy
 /// 5e-7 absolute, for directions of unit length.

@@ -29,8 +29,8 @@ pub struct Image {
     pub rgb: Vec<[f32; 3]>,
     /// Opacity, `[0, 1]`.
     pub opacity: Vec<f32>,
-    /// Mean of the samples' distances along the ray, by compositing weight, world units. In a pixel without a surface,
-    /// the frame's far distance.
+    /// Mean of the samples' distances along the ray, weighted by their compositing weights, world units. In a pixel
+    /// without a surface, the frame's far distance.
     pub ray_distance: Vec<f32>,
     /// Mean distance along the view axis, world units: `ray_distance` times the cosine between ray and view axis. In a
     /// pixel without a surface, the frame's far distance.

@@ -85,7 +85,7 @@ pub fn render_rays(
 }
 
 /// Renders a 2D field in `size` (width, height) pixels on `threads` threads, and returns the pixels row by row from the
-/// top left. `finished` is called with the number of rows finished since its last call.
+/// top left. `finished` is called with the number of rows finished since the previous call.
 ///
 /// # Errors
 /// [`RenderError`] if the blob is a scene, if a side is above the limit, or if there is not enough memory.
@@ -126,9 +126,9 @@ pub fn render_picture(
 
 /// Does the work of one thread: takes tasks until none is left. Returns the sum of the counters.
 ///
-/// `tasks`: one mutex around an iterator of tasks and a function that takes results. `run`: does one task, appends the
-/// results to its second argument and returns counters. After each task, the thread locks the mutex and passes each
-/// result to the function.
+/// `tasks`: a mutex around the iterator of tasks and the function that receives results. `run`: function that does one
+/// task, appends the results to its second argument and returns counters. After each task, the thread locks `tasks` and
+/// passes each result to the receiving function.
 fn each<T, I: Iterator, F: FnMut(T)>(
     tasks: &Mutex<(I, F)>,
     mut run: impl FnMut(I::Item, &mut Vec<T>) -> Result<Counters, RenderError>,

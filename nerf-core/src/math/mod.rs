@@ -46,7 +46,7 @@ pub enum MathBackend {
 }
 
 impl MathBackend {
-    /// Number of tags, including the tags of backends that this build lacks ([`MathBackend::from_tag`] is then `None`).
+    /// Number of backends that have a tag. Includes the backends that this build lacks. Tags are below this number.
     pub const TAGS: u8 = 4;
 
     /// Tag of the backend in files, the same in every build.

@@ -12,8 +12,8 @@ impl Math for Recurrence {
 
 /// Computes `(sin 2a, cos 2a)` from `(sin a, cos a)`. Corrects the length of the pair to 1, to first order.
 ///
-/// With `cos 2a = (cos a − sin a)(cos a + sin a)` the error doubles like the angle; `2 cos² a − 1` would let it grow
-/// faster.
+/// With the formula `cos 2a = (cos a − sin a)(cos a + sin a)` the error doubles when the angle doubles. With
+/// `2 cos² a − 1` the error would grow faster.
 #[inline(always)]
 pub(crate) fn double<V: Lanes>(sin: V, cos: V) -> (V, V) {
     let s = sin.add(sin).mul(cos);

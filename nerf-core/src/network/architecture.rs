@@ -38,8 +38,8 @@ pub enum DensityActivation {
     Exponential,
 }
 
-/// Raw density at which the [exponential](DensityActivation::Exponential) activation is clamped. The density there,
-/// e^20, is opaque within 1e-7 world units.
+/// Raw density at which the [exponential](DensityActivation::Exponential) activation is clamped. The largest density is
+/// therefore e^20 per world unit, which is opaque within 1e-7 world units.
 pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
 /// How often a field's colour branch is evaluated.
@@ -130,7 +130,7 @@ impl Layer {
 pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
 
 impl Architecture {
-    /// Checks the limit of every field, and the rules that involve several fields.
+    /// Checks that every field of the architecture is within its limits, and that the fields fit each other.
     ///
     /// # Errors
     /// [`ArchitectureError`] names the field.

@@ -5,9 +5,9 @@
 //!                                                                    └── through each skip layer ───┘
 //! ```
 //!
-//! Sigma is the raw density after its activation. No activation decreases anywhere: where the gradient of sigma is not
-//! 0, it has the direction of the raw density's gradient. Where the activation is flat, the gradient of sigma is 0, but
-//! that of the raw density need not be.
+//! Sigma is the activation of the raw density. The derivative of every activation is at least 0. Where the derivative
+//! is above 0, the gradient of sigma has the direction of the raw density's gradient. Where the derivative is 0, the
+//! gradient of sigma is 0, and the raw density's gradient may have any value.
 
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch};
@@ -47,12 +47,12 @@ impl Network<'_> {
 
     /// Computes ∂raw_sigma/∂x of a block of samples; 0 in a 2D field, which has no density.
     ///
-    /// `positions`: `[3][stride]`, inside the scene box; `gradient`: `[3][stride]`, 1/world unit². In a 2D field these
-    /// have 2 rows. Overwrites `scratch` and `memory`.
+    /// `positions`: `[3][stride]`, inside the scene box. `gradient`: `[3][stride]`, 1/world unit². In a 2D field,
+    /// `positions` and `gradient` have 2 rows. The contents of `scratch` and `memory` are overwritten.
     ///
     /// `blur`: standard deviation, world units, of a Gaussian around each sample; 0 for no blur. The gradient is
     /// averaged over this Gaussian: the encoding is averaged, and the layers after the encoding are treated as linear.
-    /// This damps the finer levels of the encoding.
+    /// The blur damps the finer levels of the encoding.
     ///
     /// A grid's interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell
     /// with the larger index.

@@ -45,8 +45,8 @@ impl<'a> Network<'a> {
     /// Makes a network without a grid from its architecture and parameters.
     ///
     /// `None` if the architecture exceeds a limit or has a grid (use [`Network::with_grid`]), or if there are too few
-    /// parameters. In a build without vector instructions ([`VECTORS`]), also `None` unless weights are
-    /// [`Weights::InPlace`].
+    /// parameters. A build without vector instructions ([`VECTORS`]) supports only [`Weights::InPlace`], and returns
+    /// `None` for weights in other formats.
     #[cfg(feature = "train")]
     pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
@@ -54,8 +54,8 @@ impl<'a> Network<'a> {
 
     /// Makes a network from its architecture, its parameters and its grid's tables, if any.
     ///
-    /// `None` if the architecture exceeds a limit, or if there are too few parameters or table values. In a build
-    /// without vector instructions ([`VECTORS`]), also `None` unless weights are [`Weights::InPlace`].
+    /// `None` if the architecture exceeds a limit, or if there are too few parameters or table values. A build without
+    /// vector instructions ([`VECTORS`]) supports only [`Weights::InPlace`], and returns `None` for other formats.
     #[cfg(feature = "train")]
     pub fn with_grid(
         architecture: &Architecture,
@@ -68,8 +68,8 @@ impl<'a> Network<'a> {
     }
 
     /// Makes a network from an architecture that is known to be valid. `None` if there are too few parameters or table
-    /// values. In a build without vector instructions ([`VECTORS`]), also `None` unless weights are
-    /// [`Weights::InPlace`].
+    /// values. A build without vector instructions ([`VECTORS`]) supports only [`Weights::InPlace`], and returns `None`
+    /// for weights in other formats.
     ///
     /// `layers`: all of [`Architecture::layers`], or only trunk and density head. Without the colour layers,
     /// [`Network::colour`] must not be called.
@@ -124,9 +124,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]. If `false`, any stride is valid: in
-    /// builds without vector instructions, and for portable instructions with weights that are read directly from the
-    /// scene file's bytes.
+    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]. Any stride is valid in builds without
+    /// vector instructions, and for portable instructions with [`Weights::InPlace`].
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
@@ -143,7 +142,8 @@ impl<'a> Network<'a> {
         self.architecture.position.outputs().max(direction)
     }
 
-    /// Number of rows of [`Scratch::front`] and [`Scratch::back`]: outputs of the widest layer.
+    /// Number of rows of [`Scratch::front`] and [`Scratch::back`]: outputs of the widest layer, or
+    /// [`Network::trunk_rows`] if larger.
     pub fn activation_rows(&self) -> usize {
         self.layers.iter().map(|layer| layer.outputs).max().unwrap_or(0).max(self.trunk_rows())
     }
@@ -187,9 +187,9 @@ impl<'a> Network<'a> {
     /// `positions`: `[inputs][stride]`, inside the scene box.
     ///
     /// # Panics
-    /// If a slice is shorter than its rows times [`Scratch::stride`]; with [`Weights::InPlace`], only with debug
-    /// assertions. Also if [`Network::whole_blocks`] is true and the stride is no multiple of [`Network::columns`].
-    /// `direction`, `density` and `colour` panic likewise.
+    /// If a slice is shorter than its rows times [`Scratch::stride`] (with [`Weights::InPlace`]: only with debug
+    /// assertions), or if [`Network::whole_blocks`] is true and the stride is no multiple of [`Network::columns`].
+    /// `direction`, `density` and `colour` panic under the same conditions.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
@@ -389,10 +389,9 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Evaluates a layer: `to = act(init + W [main, extra])`, where `inputs` are main and extra; a `None` is left out
-    /// of the sum. `init` is the content of `to` if `accumulate`, else the bias.
-    ///
-    /// A hidden layer applies the ReLU and writes its outputs in the input format of the next layer.
+    /// Evaluates a layer: `to = act(init + W [main, extra])`. `inputs`: main and extra; an input that is `None` is left
+    /// out of the sum. `init` is the content of `to` if `accumulate`, else the bias. `act` is ReLU if `hidden`, else
+    /// the identity. If `hidden`, outputs are written in the input format of the next layer.
     fn dense(
         &self,
         layer: &Layer,

@@ -8,7 +8,7 @@ use crate::matrix::{Storage, f16_at, pair};
 pub enum Weights<'a> {
     /// Little-endian f16, read directly from the scene file's bytes, without memory for unpacked weights.
     InPlace(&'a [u8]),
-    /// f32, for instruction sets with vectors.
+    /// f32, for builds with vector instructions.
     Prepared(&'a [f32]),
     /// f32 as in [`Weights::Prepared`], but with the weights of hidden colour layers transposed, `[inputs][outputs]`.
     /// For fields shaded once a ray. If the colour branch is evaluated for a single ray, each SIMD vector holds several

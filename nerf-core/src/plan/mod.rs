@@ -203,7 +203,7 @@ impl<'a> Plan<'a> {
         })
     }
 
-    /// Returns the plan of the same frame with the quality settings `quality` in place of its own.
+    /// Returns the plan of the same frame with `quality` in place of this plan's quality settings.
     ///
     /// # Errors
     /// As [`Plan::new`].
@@ -230,9 +230,9 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Returns the plan with samples only in the bins used in training, from near to far. By default, bins of the same
-    /// width continue in front of near and behind far. Use these bins to reproduce results that were measured with
-    /// them.
+    /// Returns the plan with samples only in the bins used in training, from near to far. By default, there are further
+    /// bins of the same width in front of near and behind far. Use the training bins alone to reproduce results that
+    /// were measured without the further bins.
     ///
     /// Has no effect unless the scene's sampling is [`SceneSampling::Bins`].
     #[must_use]
@@ -277,7 +277,7 @@ impl<'a> Plan<'a> {
         self.outputs
     }
 
-    /// Returns the plan with another background.
+    /// Returns the plan with the background colour `background` (red, green, blue), display-encoded.
     ///
     /// # Errors
     /// [`PlanError::Background`] unless every channel is in `[0, 1]`.
@@ -289,7 +289,7 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Returns the plan with other effects.
+    /// Returns the plan with `effects` in place of this plan's effects.
     ///
     /// Leaves out effects that would change nothing: a lens without aperture, and the tone of a frame without colour.
     ///

@@ -14,10 +14,10 @@ pub struct Quality {
     /// Number of samples per ray; 0 for the scene's own number. What is counted depends on the scene's
     /// [`SceneSampling`](crate::blob::SceneSampling):
     ///
-    /// - `Bins`: bins from near to far. Further bins of the same width, in front of near and behind far, are extra.
-    /// - `Bins` with a proposal network: drawn samples. The samples that evaluate the proposal network are extra.
+    /// - `Bins`: bins from near to far. Bins of the same width in front of near and behind far are not counted.
+    /// - `Bins` with a proposal network: samples placed by this network. Evaluations of this network are not counted.
     /// - `March`: steps along the diagonal of the scene box.
-    /// - `Contracted`: steps on a ray through the inner ball's middle, from the ray's entry to `far` past the middle.
+    /// - `Contracted`: steps on a ray through the inner ball's middle, from entering the ball to `far` past the middle.
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
@@ -34,9 +34,9 @@ pub struct Quality {
     pub occupancy: bool,
     /// Implementation of the elementary functions, such as exp and sine.
     pub math: MathBackend,
-    /// Whether samples are placed by the scene's proposal network, if it has one; otherwise they are uniform. Networks
-    /// of such scenes were trained with the placed samples. Rendering may take more or less time than with uniform
-    /// samples.
+    /// Whether the scene's proposal network places the samples. If `false`, or if the scene has none, samples are
+    /// uniform. A scene with a proposal network was trained with samples placed by that network. Rendering may take
+    /// more or less time than with uniform samples.
     pub proposal: bool,
 }
 

@@ -16,13 +16,13 @@ mod tests;
 pub(crate) enum Lattice {
     /// Only the bins used in training, from near to far.
     Own,
-    /// The bins used in training, and further bins of the same width in front of near and behind far, as far as a ray
-    /// needs them.
+    /// The bins used in training, and further bins of the same width in front of near and behind far, so that the bins
+    /// cover the ray's part inside the scene box.
     Extended,
-    /// The scene has a step instead of bins: the first bin begins where the ray enters the scene box.
+    /// Bins as wide as one marching step. The first bin begins where the ray enters the scene box.
     March,
-    /// The scene is unbounded: positions of bins are values `s` of [`Contraction::distance`], 0 at the ray's point
-    /// nearest to the contraction's centre.
+    /// For unbounded scenes: bins of equal width in the argument `s` of [`Contraction::distance`]. `s` is 0 at the
+    /// ray's point nearest to the contraction's centre.
     Contracted,
 }
 
@@ -30,7 +30,7 @@ pub(crate) enum Lattice {
 pub(crate) struct Span {
     /// The ray, with its origin moved to the point from which distances of samples are counted.
     pub ray: Ray,
-    /// Distance from the original ray's origin to the moved origin, along the ray, world units.
+    /// Distance along the ray from the original to the moved origin, world units; included in output distances.
     pub start: f32,
     /// Index range of the bins that may contain a sample.
     pub bins: Range<u32>,
@@ -42,11 +42,11 @@ pub(crate) struct Span {
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
-    /// Returns the part of `ray` that is sampled: inside the box `around` and at the distances `range`
-    /// ([`Plan::range_of`]); `None` if there is none.
+    /// Returns the part of `ray` that is sampled: inside the box `around` and between the two distances in `range`
+    /// ([`Plan::range_of`]). `None` if the part is empty.
     ///
-    /// The ray's origin is moved to the box, so that the distances of samples are small however far away the camera is.
-    /// [`Span::start`] is the length of this move, which output distances include.
+    /// Moves the ray's origin to the box or, with a contraction, to the point nearest to the centre, so that distances
+    /// of samples are small. The origin stays with [`Lattice::Own`], or if the bins already cover the box.
     pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;

@@ -19,9 +19,9 @@ pub struct Counters {
     pub proposal_evaluations: u64,
     /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: at most one per sample, or with deferred shading, at most one per
-    /// ray. Samples whose weight does not exceed the colour cut are skipped. For a 2D field, number of evaluations of
-    /// the whole network.
+    /// Number of evaluations of the colour branch: at most one per sample, or with deferred shading, one per ray.
+    /// Samples along a ray are skipped until the sum of their weights exceeds the colour cut; with several fields,
+    /// until a single weight can exceed the cut. For a 2D field, number of evaluations of the whole network.
     pub colour_evaluations: u64,
     /// Number of density gradients computed for normals, each by a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,

@@ -26,9 +26,9 @@ pub(super) struct Frame<'f, 'w> {
 
 impl<'f, 'w> Frame<'f, 'w> {
     /// Reserves the buffers of all stages in `layout`, which measures or allocates memory. The buffers of [`Pixels`]
-    /// are reserved separately. `around`: first the box around all occupied cells, `None` if no cell is occupied or
-    /// there is no grid. Then the test that finds occupied cells for a whole packet of neighbouring rays, `None` if
-    /// frames do not use it.
+    /// are reserved separately. `around.0`: box around all occupied cells, `None` if no cell is occupied or there is no
+    /// grid. `around.1`: test that finds occupied cells for a whole packet of neighbouring rays, `None` if frames do
+    /// not use the test.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -56,14 +56,13 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Returns a function that takes the camera's position and returns a distance, world units: the output distance of
-    /// pixels that show no surface.
+    /// Returns a function from the camera's position to the output distance of pixels without a surface, world units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)
     }
 
-    /// Renders ray `pixels.turn` of each pixel of the tile: one of the pixel's rays. With `COLLIDE`, a ray ends at a
+    /// Renders one ray of each pixel of the tile: the ray of index `pixels.turn`. With `COLLIDE`, a ray ends at a
     /// random point of collision, where its optical thickness reaches [`RaySource::until`].
     #[inline(never)]
     pub fn turn<M: Math, const COLLIDE: bool>(

@@ -2,11 +2,11 @@
 //! results are composited to pixels.
 //!
 //! A tile's rays are marched front to back (`march`). The next occupied samples of the active rays form a block, and
-//! trunk and density head are evaluated for the whole block. A ray whose transmittance is still above the threshold has
-//! its next sample in a later block. Samples that need a colour are collected until they fill a block for the colour
-//! branch. With deferred shading, the trunk's output `h` is composited along the ray instead, and the colour branch is
-//! evaluated once per ray after the march. Pixels and work do not depend on the size of tile or batch. A 2D field has
-//! no rays: its pixels are evaluated block by block (`picture`).
+//! trunk and density head are evaluated for the whole block. Usually a block holds one sample of each ray: a ray whose
+//! transmittance is still above the threshold has its next sample in a later block. Samples that need a colour are
+//! collected until they fill a block for the colour branch. With deferred shading, the trunk's output `h` is composited
+//! along the ray instead, and the colour branch is evaluated once per ray after the march. Pixels and work do not
+//! depend on the size of tile or batch. A 2D field has no rays: its pixels are evaluated block by block (`picture`).
 
 mod counters;
 mod error;

@@ -55,9 +55,9 @@ impl<'a> Renderer<'a> {
         Ok(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns a renderer of `blob`. `prepared`: copies of the values that `kernel` cannot read from the blob's bytes.
-    /// `occupied`: coarse copy of the blob's occupancy grid. `None` if there are fewer parameters or table values than
-    /// the network has.
+    /// Returns a renderer of `blob`, or `None` if there are fewer parameters or table values than the network has.
+    /// `prepared`: copies of the values that `kernel` cannot read from the blob's bytes. `occupied`: coarse copy of the
+    /// blob's occupancy grid.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,
@@ -248,7 +248,7 @@ impl<'a> Renderer<'a> {
 /// measure memory, `F` and `B` are counts. If nothing must be copied, counts are 0, and slices and boxes are empty.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
-    /// Values unpacked to f32: parameters of the network, parameters of the proposal network, and f16 tables.
+    /// Parameters of network and proposal network, f32 or paired bf16 ([`Weights::Paired`]), and f16 tables as f32.
     pub unpacked: [F; 3],
     /// Decoded copy of entropy-coded grid tables: each byte holds the bits of one i8 value.
     pub decoded: B,

@@ -83,7 +83,7 @@ impl<'f> Worker<'f> {
     /// mean of the fields' colours, each weighted by the sum of the field's shares.
     ///
     /// A single field that is not scaled is rendered in its own coordinates, at the cost of [`Renderer::worker`]. At
-    /// [`Placement::IDENTITY`] its pixels are also bit-identical to those of that worker.
+    /// [`Placement::IDENTITY`] the pixels are also bit-identical to those of a worker made by [`Renderer::worker`].
     ///
     /// # Errors
     /// [`RenderError::NoInstances`] if `instances` is empty. [`RenderError::Instance`] with the index of the first
@@ -137,7 +137,7 @@ impl<'f> Worker<'f> {
     /// Renders the pixels of `rect` against a depth buffer: the ray of pixel (x, y) ends at `limit(x, y)`.
     ///
     /// The bin that contains the limit is shortened, not dropped, so that opacity depends continuously on the limit. If
-    /// a ray meets no surface before the limit, its distances are the smaller of two: the limit, and the result of
+    /// a ray meets no surface before the limit, each output distance is the smaller of the limit and the result of
     /// [`Plan::far_from`] for the camera's position.
     ///
     /// # Errors
@@ -181,8 +181,8 @@ impl<'f> Worker<'f> {
 
     /// Renders rays of the caller, one pixel per ray: `target` receives the index and the pixel of each ray.
     ///
-    /// A ray may begin inside or outside of the scene. If a ray meets no surface, its distances are the smaller of two:
-    /// `t_max`, and the result of [`Plan::far_from`](crate::plan::Plan::far_from) for the ray's origin. `z_depth` is
+    /// A ray may begin inside or outside of the scene. If a ray meets no surface, each output distance is the smaller
+    /// of `t_max` and the result of [`Plan::far_from`](crate::plan::Plan::far_from) for the ray's origin. `z_depth` is
     /// measured along `axis`, of unit length; without an axis, `z_depth` is 0. For a camera's rays, the pixels are
     /// bit-identical to those of [`Worker::render`] if the plan has no jitter. With jitter, the ray at index `i` has
     /// the random sample positions of the pixel in column `i`, row 0.
@@ -269,7 +269,7 @@ impl<'f> Worker<'f> {
         self.sample_rays_with(rays.len(), &|i| ray_at(rays, i), &number, axis, target)
     }
 
-    /// Draws collisions as [`Worker::sample_rays`] does. Functions of an index return the rays and random numbers.
+    /// Draws collisions as [`Worker::sample_rays`] does. `ray(i)` returns ray `i`, and `random(i)` its number.
     ///
     /// # Errors
     /// As [`Worker::sample_rays`].
@@ -354,11 +354,11 @@ impl<'f> Worker<'f> {
 
     /// Evaluates density and colour at points that are seen along given directions.
     ///
-    /// `positions`, `dirs` (unit): `[n]`, world space; `sigma`: `[n]`, 1/world unit; `rgb`: `[n]`, display-encoded, or
-    /// empty if no colour is requested. Points outside the scene box or in an empty cell of the plan's occupancy grid,
-    /// and points whose density is NaN, have density 0 and black colour. A colour that is NaN becomes black
-    /// ([`Counters::invalid_samples`]). With deferred shading, a point gets the colour of a ray that has the point as
-    /// its only sample.
+    /// `positions` and unit vectors `dirs`: `[n]`, world space. `sigma`: `[n]`, 1/world unit. `rgb`: `[n]`,
+    /// display-encoded, or empty if no colour is requested. Points outside the scene box or in an empty cell of the
+    /// plan's occupancy grid, and points whose density is NaN, have density 0 and black colour. A colour that is NaN
+    /// becomes black ([`Counters::invalid_samples`]). With deferred shading, a point gets the colour of a ray that has
+    /// the point as its only sample.
     ///
     /// # Errors
     /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length if colour is requested.

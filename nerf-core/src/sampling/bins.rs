@@ -6,8 +6,8 @@ use core::ops::Range;
 
 /// The range `near..far` of a ray, split into `count` equal bins. All rays of an image have the same bins.
 ///
-/// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`, world units along the ray. For a ray that uses
-/// only a part of this range, the first and last bin are cut to that part ([`Bins::cut`]).
+/// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`: world units along the ray or, with a contraction,
+/// positions [`s`](crate::space::Contraction::distance). A ray's first and last bin may be cut ([`Bins::cut`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bins {
     near: f32,
@@ -16,7 +16,7 @@ pub struct Bins {
     pub(crate) ends: Ends,
 }
 
-/// Where a ray's first and last bin are cut; distances along the ray.
+/// Where a ray's first and last bin are cut; positions along the ray, in the unit of [`Bins`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ends {
     /// Beginning of the used part of the first bin, if this bin is cut; otherwise −∞.
@@ -25,16 +25,16 @@ pub(crate) struct Ends {
     pub low: f32,
     /// Beginning of the last bin, if this bin is cut; otherwise +∞.
     pub high: f32,
-    /// End of the part of the last bin in which its samples are placed, if this bin is cut; otherwise the end of all
-    /// bins.
+    /// End of the part of the last bin in which samples are placed, if this bin is cut; otherwise the end of the last
+    /// bin of `0..count`.
     pub far: f32,
-    /// End of the used part of the last bin, at most `far`, if this bin is cut; otherwise +∞. Samples between `stop`
-    /// and `far` represent the part in front of `stop`.
+    /// End of the used part of the last bin, at most `far`, if this bin is cut; otherwise +∞. The density of a
+    /// sample between `stop` and `far` is used for the part of the bin in front of `stop`.
     pub stop: f32,
 }
 
 impl Ends {
-    /// Ends without cuts, for a ray without bins.
+    /// No cuts, with `far` = 0: the ends of a ray without bins.
     pub const NONE: Self = Self {
         start: f32::NEG_INFINITY,
         low: f32::NEG_INFINITY,
@@ -160,8 +160,8 @@ impl Bins {
         2.0 * f32::EPSILON * self.distance(self.count as f32) / self.delta
     }
 
-    /// Converts a position counted in bins to a distance along the ray. Bin `i` begins at position `i`, also if the bin is
-    /// cut at the ray's start or end.
+    /// Converts a position counted in bins to a distance along the ray. Bin `i` begins at position `i`, also if
+    /// the bin is cut at the ray's start or end.
     #[inline(always)]
     pub(crate) fn distance<V: Lanes>(&self, position: V) -> V {
         V::splat(self.near).add(position.mul(V::splat(self.delta)))

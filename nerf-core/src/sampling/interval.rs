@@ -7,7 +7,7 @@ use crate::space::Contraction;
 /// The interval of a ray over which a sample's density is taken as constant, world units along the ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SampleInterval<V = f32> {
-    /// Distance of the sample.
+    /// Distance of the sample; may differ from the middle `mid` of the interval.
     pub t: V,
     pub mid: V,
     pub delta: V,
@@ -23,8 +23,8 @@ pub(crate) struct Spacing<'a> {
 }
 
 impl Spacing<'_> {
-    /// The point of a ray at `t`, in the space of the network's inputs. `t`: distance, world units; with a contraction,
-    /// position `s` of [`Contraction::distance`].
+    /// Returns the point of a ray at `t`, in the space of the network's inputs. `t` is a distance in world units or,
+    /// with a contraction, the position `s` that [`Contraction::distance`] converts to a distance.
     #[inline(always)]
     pub fn point<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
         match self.contraction {
@@ -35,9 +35,9 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of the sample at `t`: distance, world units; with a contraction, position `s` of
-    /// [`Contraction::distance`]. `ends`: cuts of the ray's first and last bin, in the order of [`Ends::parts`].
-    /// `near`: least distance of an unbounded scene's samples, world units from the point at which `t` is 0.
+    /// Returns the interval of the sample at `t`; the unit of `t` is as in [`Spacing::point`]. `ends`: cuts of the
+    /// ray's first and last bin, in the order of [`Ends::parts`]. `near`: least distance of a sample in an unbounded
+    /// scene, world units from the point at which `t` is 0.
     #[inline(always)]
     pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
         if self.contraction.is_some() {

@@ -6,13 +6,13 @@ use super::random::{Purpose, pixel_stream, uniform};
 #[cfg(test)]
 mod tests;
 
-/// Jitter of one ray's samples: the position of each in its bin.
+/// Jitter of one ray's samples: the position of each sample in its bin.
 #[derive(Clone, Copy)]
 pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
     /// Index of the ray's first random number in `stream`, the pixel's random stream: the ray's index among the rays of
-    /// its pixel, shifted left by 32 bits. The numbers of the ray's bins follow.
+    /// its pixel, shifted left by 32 bits. Bin `i`, or drawn sample `i`, has number `first + i`.
     first: u64,
 }
 
@@ -36,7 +36,7 @@ impl SampleJitter {
         }
     }
 
-    /// Distance of the sample of `bin`, world units along the ray; does not decrease from bin to bin.
+    /// Position of the sample of `bin` along the ray, in the unit of `bins`; does not decrease from bin to bin.
     #[inline]
     pub fn t(&self, bins: &Bins, bin: u32) -> f32 {
         match self.seed {

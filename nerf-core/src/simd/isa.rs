@@ -1,4 +1,4 @@
-//! Instruction sets: detection, and running an [`Op`] with the vectors of one of them.
+//! Detection of instruction sets, and execution of an [`Op`] with the vectors of an instruction set.
 
 use super::portable::Portable;
 use super::{MAX_LANES, Op};

@@ -54,9 +54,9 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// Vector operations from which [`weighted_rows`] is built. A vector consists of groups of four lanes. Rows are summed
-/// in four passes. Pass `LANE` sums the rows of lane `LANE` of each group: the four lanes of the group then hold four
-/// neighbouring values of this one lane's rows.
+/// Vector operations from which [`weighted_rows`] is built. A vector consists of groups of four lanes; every lane has
+/// rows of its own. Each of four passes sums the rows of one lane per group: during pass `LANE`, the four lanes of a
+/// group hold four neighbouring values of the rows of the group's lane `LANE`.
 pub trait Quads: Lanes {
     /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;

@@ -3,7 +3,7 @@
 //! a vector holds one channel of neighbouring samples.
 #![allow(unsafe_code, reason = "instructions that the compiler does not choose by itself")]
 
-/// Declares inlined methods, each by one expression.
+/// Declares `#[inline(always)]` methods, each with one expression as its body.
 macro_rules! methods {
     ($(fn $name:ident ($($arguments:tt)*) $(-> $type:ty)? = $value:expr;)+) => {$(
         #[inline(always)]
@@ -67,7 +67,7 @@ mod sealed {
 /// Prefetches the cache line of `values[index]`. Does nothing if the index is out of range, or on targets other than
 /// x86_64.
 ///
-/// For loops over data-dependent addresses, such as the entries of a hash table.
+/// Useful in loops that read data-dependent addresses, such as the entries of a hash table.
 #[cfg(feature = "train")]
 #[inline(always)]
 pub fn prefetch(values: &[f32], index: usize) {

@@ -54,8 +54,8 @@ pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
-/// Direction of a mean normal: `sum`, the sum of weight · normal over samples, scaled to unit length. 0 if `opacity` is
-/// at most [`OPACITY_EPSILON`], or if the normals cancel. `weight`: sum of the weights.
+/// Returns the unit vector in the direction of `sum`, a weighted sum of normals. 0 if `opacity` is at most
+/// [`OPACITY_EPSILON`], or if the normals cancel. `weight`: sum of the normals' weights.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
     // Length at or below which a mean of unit vectors is rounding noise.
@@ -104,8 +104,8 @@ impl Pixel {
 
 /// Sums of optical thickness, colour, opacity and distance over a ray's composited samples, front to back.
 ///
-/// Of a sample: `alpha = −expm1(−sigma delta)`, `transmittance = exp(−Σ sigma delta)` over the samples in front of it,
-/// `weight = transmittance · alpha`. Sums are compensated (Kahan).
+/// For each sample: `alpha = −expm1(−sigma delta)`, `weight = transmittance · alpha`. Here `transmittance` is
+/// `exp(−Σ sigma delta)`, summed over the samples in front of this sample. Sums are compensated (Kahan).
 ///
 /// # Source
 /// Mildenhall et al. 2020, eq. 3; deviation: the last bin is finite.
@@ -218,17 +218,17 @@ impl Accumulator {
         }
     }
 
-    /// Adds the colour of a ray that has only one (deferred shading): `rgb` times the sum of all weights that
-    /// [`Accumulator::take_uncoloured`] has returned. The state knows this sum.
+    /// Adds the only colour of a ray with deferred shading: `rgb` times the sum of all weights that
+    /// [`Accumulator::take_uncoloured`] has returned. This sum is computed from the state.
     #[inline]
     pub(crate) fn colour_all(&mut self, rgb: [f32; 3]) {
         self.add_colour(self.opacity.value - self.uncoloured, rgb);
     }
 
-    /// Returns the pixel over `background`. `start`: added to the mean of the samples' `t`, since `t` is counted from
-    /// this distance along the ray. `cut`: whether the ray was terminated early. If so, its pixel is opaque: the ray's
-    /// mean colour replaces the background. `far`: distance of a pixel without a surface; other distances along the ray
-    /// are clamped to `far`. `z_per_distance`: cosine between ray and view axis.
+    /// Returns the pixel over `background`. `start`: distance along the ray from which the samples' `t` is measured;
+    /// added to the mean of `t`. `cut`: whether the ray was terminated early. The pixel of a terminated ray is opaque:
+    /// the ray's mean colour replaces the background. `far`: distance of a pixel without a surface; other distances
+    /// along the ray are clamped to `far`. `z_per_distance`: cosine between ray and view axis.
     ///
     /// The last samples may have no evaluated colour. If they weigh less than the coloured samples, they get the ray's
     /// mean colour; else they stay black. Median distance and normal stay 0.

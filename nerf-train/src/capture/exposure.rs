@@ -40,7 +40,7 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Index and mean log gain of the photograph with the strongest gain; `None` if that is less than a factor of two.
+    /// Index and mean log gain of the photograph with the strongest gain; `None` if this gain is below a factor of two.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));

@@ -26,8 +26,8 @@ pub struct Audit {
     file: PathBuf,
     /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
-    /// PSNR, dB, by which components are judged: one is worth its time if it raises PSNR by at least this. One that
-    /// saves over 10 % of multiply-adds is worth it unless it lowers PSNR by this much.
+    /// Threshold on PSNR, dB: a component is worth its time if it raises PSNR by at least this. A component that saves
+    /// over 10 % of multiply-adds is worth its time unless it lowers PSNR by this much.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.

@@ -182,7 +182,7 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Reports the steps `missed` of `--snapshots`: after the run's last step `last`, or before the step of the resume.
+/// Reports why the steps `missed` of `--snapshots` have no image: the run ended at step `last`, or resumed after them.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

@@ -44,7 +44,7 @@ impl Split {
         Ok(views)
     }
 
-    /// Returns the cameras of the split's views, or cameras at its poses if the test split has no images.
+    /// Returns the cameras of the split's views. If the test split has no views, returns [`Dataset::test_path`].
     pub fn cameras(self, dataset: &Dataset) -> Vec<Camera> {
         let views = self.of(dataset);
         if self == Self::Test && views.is_empty() {
@@ -147,7 +147,7 @@ impl Eval {
         global.finish(&found)
     }
 
-    /// Returns the split to evaluate: by `--split`, else val, or test if val has no views but test has.
+    /// Returns the split to evaluate: `--split`, by default val. If val is empty and test is not, the default is test.
     fn split_of(&self, dataset: &Dataset) -> Split {
         let there = if dataset.val.is_empty() && !dataset.test.is_empty() { Split::Test } else { Split::Val };
         self.split.unwrap_or(there)
@@ -175,7 +175,7 @@ impl Eval {
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Reports a `--background` other than `own`, the scene file's, if no photograph has alpha to show it.
+    /// Prints a note if `--background` differs from the scene file's background `own`, but all photographs are opaque.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

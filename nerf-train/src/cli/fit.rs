@@ -111,7 +111,7 @@ struct Settings {
     /// Initial learning rate.
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
-    /// Start from a full occupancy grid, not from the visual hull of what the photographs show before their background.
+    /// Start from a full occupancy grid, not from the visual hull: the cells that no photograph shows as background.
     #[arg(long)]
     no_hull: bool,
     /// Scene extent: box, contracted (unbounded) or auto (box if --box is given, or if the background of the
@@ -233,8 +233,8 @@ impl Fit {
         Ok(fitted)
     }
 
-    /// Returns `config`, adapted if this run is long by its limits ([`detail::is_long`]) or by the grid of its
-    /// checkpoint. `chosen`: settings that the user gave, which do not change.
+    /// Returns `config`, adapted if this run is long. A resumed run is long if its checkpoint has a long run's grid,
+    /// any other run by its limits ([`detail::is_long`]). `chosen`: settings that the user gave; these do not change.
     fn for_length(config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
         let long = detail::for_long_run(config.clone(), chosen);
         let is_long = match options.resumed_grid()? {

@@ -118,7 +118,7 @@ impl Dataset {
         instead
     }
 
-    /// Sets the origin to which all coordinates are already relative; a note and the data set's name state it.
+    /// Sets the origin to which all coordinates are already relative; states this origin in the name and in a note.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -275,7 +275,7 @@ pub struct ReadOptions {
     /// unless `to_measure` is true. `None`: shared cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
     /// Origin of all coordinates, in the file's world ([`Dataset::origin`]). To evaluate a `.nerf` blob, pass its
-    /// origin. `None`: the file's origin, or a point near the cameras if these are far from it.
+    /// origin. `None`: the file's origin or, if the cameras are far from the file's origin, a point near the cameras.
     pub origin: Option<[f64; 3]>,
     /// Whether the data are read to evaluate an existing field: then no training views are required.
     pub to_measure: bool,

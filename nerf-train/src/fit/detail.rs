@@ -40,8 +40,8 @@ use nerf_core::space::SceneBox;
 const PRESET_PIXELS: f32 = 175.0;
 /// Largest binary logarithm of a level's number of entries. Already a table of 2^19 entries exceeds a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
-/// Largest ratio of a scene's pixels to [`PRESET_PIXELS`] to which settings are adapted. The ratio itself has no bound:
-/// it grows as cameras come near the middle of the box.
+/// Upper limit, in [`for_pixels`], of the ratio of a scene's pixels to [`PRESET_PIXELS`]. Without a limit, the ratio
+/// would grow without bound as cameras come near the middle of the box.
 const MOST_PIXELS: f32 = 8.0;
 /// Multiple to which the number of cells of the finest level is rounded, so that one pixel more does not change it.
 const ROUNDED_CELLS: f32 = 32.0;

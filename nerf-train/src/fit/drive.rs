@@ -23,8 +23,7 @@ pub(super) trait Task {
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
-    /// Returns the validation that is due, if any. `share`: used fraction of the budget. `ended`: whether no step
-    /// follows.
+    /// Returns the due validation, if any. `share`: used fraction of the budget. `ended`: whether no step follows.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
     /// Adds a point without validation to the training curve, if a point is due at this step and the curve has no point

@@ -11,7 +11,7 @@ pub const FINAL_SHARE: f64 = 0.10;
 /// and without the occupancy grid, without rounding, and on all training photographs at few pixels.
 pub const QUESTION_SHARE: f64 = 0.015;
 const QUESTIONS: usize = 6;
-/// Seconds reserved for writing files: without a report, and with one.
+/// Seconds reserved for writing files: `[without a report, with a report]`.
 const WRITING: [f64; 2] = [0.1, 0.5];
 /// Largest number of pixels per view that validation during training measures, even if time is left.
 const PIXELS_A_VIEW: u64 = 40_000;
@@ -87,8 +87,8 @@ impl Pace {
     }
 
     /// Smallest spacing, along rows and columns, at which rendering the views is expected to take at most `seconds`.
-    /// `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view; the spacing keeps at
-    /// least about `PROBED_PIXELS` of them.
+    /// `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view, of which at least
+    /// about `PROBED_PIXELS` are measured.
     pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         let coarsest = self.probe(largest);
         match self.per_pixel {
@@ -119,8 +119,8 @@ impl Pace {
 
     /// Returns the estimated seconds of the work after the last step: validation, export with its comparisons of
     /// candidates, evaluation, and writing files. 0 without a time limit. `validation`: number of pixels that the
-    /// evaluation renders; the quantisation loss is measured on at most as many. `asked`: number of pixels rendered in
-    /// each comparison.
+    /// evaluation renders, and largest number on which the quantisation loss is measured. `asked`: number of pixels
+    /// rendered in each comparison.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {

@@ -73,9 +73,9 @@ impl RunOptions {
         Ok(Some(settings["network"]["grid"].clone()))
     }
 
-    /// If the run resumes, reads its checkpoint and calls `restore` with it. Returns the clock, with the seconds of the
-    /// checkpoint added. An error if the checkpoint is of a run with another `config` or `data`. `config`: this run's
-    /// settings, as JSON; `data`: name and fingerprint of the data set.
+    /// If the run resumes, reads the checkpoint and passes it to `restore`. Returns the clock, with the seconds of the
+    /// checkpoint added. Fails if the checkpoint belongs to a run with another `config` or `data`. `config`: settings
+    /// of this run, as JSON. `data`: name and fingerprint of the data set.
     pub(super) fn resumed(
         &self,
         clock: Clock,

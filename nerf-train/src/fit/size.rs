@@ -36,7 +36,7 @@ const MORE_LOG2_ENTRIES: u8 = 1;
 /// many bits per value. The second number is used only if no settings fit with the first. With either number, the
 /// quantisation steps are then made as fine as the file's limit allows.
 ///
-/// PSNR with 3.9, and with 2.0 instead of 3.9; lego, every tenth training photograph held out:
+/// PSNR on lego if the first number is 3.9 or 2.0, with every tenth training photograph held out:
 ///
 /// | file, KiB | steps | 3.9 bits | 2.0 bits |
 /// | ---: | ---: | ---: | ---: |
@@ -207,8 +207,8 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
 /// Candidate table settings, f16 before entropy-coded and many levels before few. No candidate has more levels than
 /// `own`, the configured table. Only entropy-coded candidates have more entries, by up to `more` doublings.
 ///
-/// `cells(h)`: candidate resolutions `[coarsest, finest]` of the levels if the number of entries is halved `h` times; a
-/// negative `h` doubles it.
+/// `cells(h)`: candidate resolutions `[coarsest, finest]` of the levels if the number of entries is halved `h` times. A
+/// negative `h` means that the number is doubled `-h` times.
 fn tables(
     own: &TableConfig,
     chosen: Chosen,
@@ -306,8 +306,8 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     length(body, config.network.grid.as_ref())
 }
 
-/// Size of the largest file that a fit of a 2D field can export, bytes. `size`, `name`: width and height in pixels, and
-/// name, of the fitted picture.
+/// Size of the largest file that a fit of a 2D field can export, bytes. `size`: width and height of the fitted
+/// picture, pixels. `name`: name of the picture.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {

@@ -18,8 +18,8 @@ pub struct SnapshotOptions {
 }
 
 impl SnapshotOptions {
-    /// Indices of the views to render, each once. `watched`: views validated during training, taken if the options name
-    /// none.
+    /// Indices of the views to render, each once. `watched`: views validated during training, which are rendered if
+    /// the options name no views.
     pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();

@@ -28,9 +28,9 @@ impl Stop {
     /// Finds the validation after which validation PSNR stopped rising while training PSNR still rose: overfitting.
     /// `None` if there is none. `curve`: oldest point first.
     ///
-    /// Validation PSNR stopped rising at the first validation that no later one exceeds by more than 0.05 dB, if two or
-    /// more followed. Training PSNR still rose if, smoothed, it gained more than 0.3 dB from that validation to the
-    /// last.
+    /// Validation PSNR stopped rising at the first validation that no later validation exceeds by more than 0.05 dB.
+    /// At least two validations must follow. Training PSNR still rose if its smoothed value gained more than 0.3 dB
+    /// from the validation found to the last validation.
     ///
     /// # Examples
     /// Validations of 20, 22, 21, 20 dB, and training PSNR of 20, 23, 26, 29 dB: stopped at the second validation.

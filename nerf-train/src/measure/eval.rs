@@ -16,8 +16,8 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Threshold, dB: if PSNR changes by more when the occupancy grid is left out, the grid is part of the model. Rendering
-/// without the grid is then refused. A little less than the 0.1 dB that the quality preset `Balanced` may lose.
+/// Change of PSNR without the occupancy grid, dB, above which the grid is part of the model: rendering without the grid
+/// is then refused. The threshold is a little less than the 0.1 dB that the quality preset `Balanced` may lose.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 #[derive(Clone, Debug, Serialize)]

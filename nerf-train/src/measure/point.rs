@@ -84,7 +84,7 @@ pub struct Point {
 pub struct Totals {
     pub views: usize,
     pub psnr_db: f64,
-    /// Mean PSNR of the exact rendering, over the views that were rendered with these settings, minus `psnr_db`, dB.
+    /// Loss of PSNR against the exact rendering, dB: mean PSNR of the exact rendering of these views minus `psnr_db`.
     pub loss_db: f64,
     pub ssim: f64,
     /// PSNR against the exact rendering, dB, computed from the mean squared error over all views.
@@ -115,7 +115,7 @@ impl Point {
         Self { origin, settings, label, views: vec![None; views], rounds: Vec::new(), memory }
     }
 
-    /// Errors and cost over the point's views. `exact`: the exact rendering, of at least the same views.
+    /// Errors and cost over the views that were rendered both for this point and for `exact`, the exact rendering.
     pub fn totals(&self, exact: &Self) -> Totals {
         let pairs: Vec<(&ViewErrors, &ViewErrors)> =
             self.views.iter().zip(&exact.views).filter_map(|(own, e)| own.as_ref().zip(e.as_ref())).collect();
@@ -215,7 +215,7 @@ pub struct Settings {
     /// Index in `Variants` of the rendered variant of the scene file; 0: the unchanged file.
     pub variant: usize,
     pub precision: Precision,
-    /// Sides of the rendered picture, quarters of the view's sides; a smaller picture is enlarged after rendering.
+    /// Size of the rendered picture, in quarters of the view's width and height. A smaller picture is enlarged later.
     pub quarters: u32,
     pub rays: u16,
 }

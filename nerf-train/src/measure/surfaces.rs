@@ -40,7 +40,7 @@ impl Surfaces {
 
     /// Measures the surfaces of a renderer's field against `points`. The outputs of `plan` include [`Self::OUTPUTS`].
     ///
-    /// Key points and sparse points that [`Sights`] leaves out are not used.
+    /// Uses only the key points and sparse points that [`Sights`] accepts.
     pub fn with(
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,

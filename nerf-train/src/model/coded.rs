@@ -6,20 +6,20 @@ use nerf_core::encoding::GridEncoding;
 
 /// Number of candidate quantisation steps per octave: neighbours differ by a factor of 2^(1/16).
 const TO_AN_OCTAVE: i32 = 16;
-/// Exponent of the default step of the level with the most values, as [`FINEST`]. A value then takes 4.6 bits.
+/// Exponent `i` (see [`FINEST`]) of the default step of the level with the most values; a value then takes 4.6 bits.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
 /// Exponent `i` of the finest candidate step. A candidate step is 2^(`i` / 16) times the root mean square of all
 /// values. The exponents end at [`COARSEST`], with which every value becomes 0.
 const FINEST: i32 = -8 * TO_AN_OCTAVE;
 const COARSEST: i32 = 24 * TO_AN_OCTAVE;
-/// Power of a level's number of values to which its step is proportional. In theory, 1/2 is best. Measured PSNR of the
-/// scene lego in 95 KB: 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
+/// Power `p`: the step of a level with `n` values is proportional to `n^p`. In theory, 1/2 is best. Measured PSNR of
+/// the scene lego in 95 KB: 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
 const POWER: f32 = 0.25;
 /// Largest number of vertices per entry at which a level is searched for unread entries; with more, few are unread.
 const SHARED: usize = 8;
 
-/// Returns the quantisation step of each level: the smallest with which the coded tables take at most `most_bytes`, or
-/// the default steps. No step is smaller than that of int8 storage ([`scale_of`]).
+/// Returns the quantisation step of each level. With `most_bytes`, the steps are the smallest with which the coded
+/// tables fit this size; with `None`, the default steps. No step is smaller than in int8 storage ([`scale_of`]).
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();

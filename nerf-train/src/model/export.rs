@@ -33,7 +33,7 @@ pub enum Tables<'a> {
 }
 
 impl<'a> Tables<'a> {
-    /// Returns a grid's trained `values`; without a grid [`Tables::None`]. Int8 and coded: multiples of `scales`.
+    /// Returns a grid's trained `values`; [`Tables::None`] without a grid. `scales`: as in [`Tables::Values`].
     pub fn of(grid: Option<&TableConfig>, values: &'a [f32], scales: &'a [f32]) -> Self {
         grid.map_or(Self::None, |grid| Self::Values { values, rounding: grid.rounding(), scales })
     }

@@ -110,7 +110,7 @@ impl FieldConfig {
         self
     }
 
-    /// Checks every setting; for an image of this size, pixels, also the grid's finest level and its tables' size.
+    /// Checks every setting, and whether the grid's finest level and tables suit an image of `size`, pixels.
     pub fn check_for(&self, size: [u32; 2]) -> Result<(), ConfigError> {
         self.check()?;
         let Some(grid) = &self.grid else { return Ok(()) };

@@ -33,7 +33,7 @@ impl From<TableStorage> for Rounding {
     }
 }
 
-/// Fraction of a run after which training rounds int8 and coded tables, too; later steps compensate for rounding.
+/// Fraction of a run after which training rounds int8 and coded tables, as export does, and compensates for rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
 /// Fraction of a level's values that each candidate step leaves unclipped; the largest magnitudes are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
@@ -122,7 +122,8 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Returns each level's quantisation step. Int8: that of least squared error. Coded: the finest within the limit.
+/// Returns each level's quantisation step. Int8: the step of least squared error. Coded: the smallest step with which
+/// the tables fit the limit of bytes; without a limit, a default step.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),
@@ -136,9 +137,8 @@ pub(super) fn steps(value: f32, scale: f32) -> f32 {
 }
 
 /// Returns the quantisation step with the least squared error of rounding and clipping a level's values. A candidate
-/// step leaves one of the fractions [`KEPT`] of the values unclipped.
-///
-/// A few entries are often many times as large as all others: clipping them costs less than coarse steps.
+/// step leaves one of the fractions [`KEPT`] of the values unclipped. A few values are often many times as large as all
+/// others: clipping them costs less than coarse steps.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);

@@ -27,7 +27,7 @@ impl Cell {
 
 /// Contact sheet of `columns` cells per row on white, with a title line on top unless `title` is empty.
 ///
-/// `columns` is clamped to the number of cells, and to 1. Without cells and title the result is a small white picture.
+/// `columns` is clamped to `1..=cells.len()`. If there are no cells and no title, the result is a small white picture.
 pub fn contact_sheet(title: &str, cells: &[Cell], columns: usize) -> Picture {
     let columns = columns.clamp(1, cells.len().max(1));
     let pictures: Vec<Picture> = cells.iter().map(|cell| cell.picture.enlarged_to(CELL)).collect();

@@ -24,9 +24,9 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// Orbit through the camera of [`SceneFacts::viewpoint`]. If the scene file has no viewpoint, an orbit around the
-    /// middle of the scene box; its radius is the mean of near and far. `up`: up direction; `None`: that of the
-    /// viewpoint, or +z without a viewpoint.
+    /// Orbit through the camera of [`SceneFacts::viewpoint`]. If the scene file has no viewpoint, the orbit is around
+    /// the middle of the scene box, with the mean of near and far as radius. `up`: up direction; if `None`, the
+    /// viewpoint's up direction is used, or +z without a viewpoint.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {

@@ -73,8 +73,8 @@ pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
     scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))
 }
 
-/// Summary of a rendering, printed by `render --json`. A range gives the smallest and largest distance in a video's
-/// colour map, world units.
+/// Summary of a rendering, printed by `render --json`. The fields `…_range` are the smallest and largest distance in
+/// a video's colour map, world units.
 #[derive(Debug, Serialize)]
 pub struct Rendering {
     pub files: Vec<String>,

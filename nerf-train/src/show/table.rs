@@ -68,7 +68,7 @@ impl Table {
     }
 
     /// Lines of the table. `tidy` changes each cell before padding. `left`, `between`, `right`: text around the cells.
-    /// `rule`: dashes below a column's name, from whether the column is right-aligned, and its width in characters.
+    /// `rule(right_aligned, width)` returns the dashes below the name of a column that is `width` characters wide.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,

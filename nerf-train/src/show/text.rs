@@ -90,8 +90,8 @@ fn rasterise(text: &str, size: f32) -> (usize, Vec<f32>) {
     (width, coverage)
 }
 
-/// Draws one line of text into `picture`, cut off at its edges. (`x`, `y`): top left pixel of the rectangle that the
-/// text covers, whatever its direction. `size`: line height, pixels.
+/// Draws one line of text into `picture`, cut off at the picture's edges. (`x`, `y`): top left pixel of the rectangle
+/// that the text covers, for both values of `direction`. `size`: line height, pixels.
 pub fn draw(
     picture: &mut Picture,
     text: &str,

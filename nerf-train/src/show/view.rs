@@ -89,7 +89,7 @@ pub fn write_still(
     Ok(())
 }
 
-/// Channels of an output: names and values. Names are the usual ones of compositing programs, where these exist.
+/// Name and values of each channel of an output. Names follow the conventions of compositing programs, if any exist.
 fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
     let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
     match output {

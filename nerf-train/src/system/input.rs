@@ -1,6 +1,6 @@
 //! Reading of whole files, each up to a size limit. All whole files are read here.
 //!
-//! A path on the command line may name an endless device, a pipe, a growing file or a sparse terabyte. Reading it here
+//! A path on the command line may name an endless device, a pipe, a growing file or a huge sparse file. Reading here
 //! fails with an error that states the limit, before memory runs out. Archives (`.npz`) and arrays (`.npy`) are not
 //! read whole: `data::layouts::npz` limits the unpacked size of each array. The kernel's own files under `/proc` are
 //! read elsewhere, without a limit.

@@ -12,7 +12,7 @@ pub mod summary;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Locks a mutex, even after a panic of a thread that held the lock. Only for values that stay valid then.
+/// Locks a mutex, even after a panic of a thread that held the lock. Only for values that remain valid after a panic.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -64,7 +64,7 @@ enum Event<'a> {
     Progress {
         what: &'a str,
         position: u64,
-        /// Total number of steps; null if only time ends the work, or its end is not known.
+        /// Total number of steps; null if the end of the work is given by time alone, or is unknown.
         total: Option<u64>,
         elapsed_s: f64,
         left_s: Option<f64>,

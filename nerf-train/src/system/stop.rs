@@ -1,7 +1,7 @@
 //! Handling of signals that ask the process to end (SIGINT, SIGTERM, SIGHUP).
 //!
-//! A separate thread, the signal thread, waits for signals, so that no busy thread can delay them, such as a thread
-//! that renders a tile or reads a fifo. What the signal thread does depends on the work that would be lost:
+//! A separate thread, the signal thread, waits for signals, so that a thread that renders a tile or reads a fifo cannot
+//! delay their handling. What the signal thread does depends on the work that would be lost:
 //!
 //! - Nothing would be lost: the thread runs the task of the [`Note`], if there is one, ends child processes, removes
 //!   temporary files, prints the note's message, and ends the process with status `128 + signal`.
@@ -108,7 +108,7 @@ impl Drop for Claim {
     }
 }
 
-/// Contents of a [`Note`]: message to print on a signal if no work is claimed, and task to run before.
+/// Contents of a [`Note`]: message to print on a signal if no work is claimed, and task to run before printing.
 struct Words {
     message: String,
     /// Task to run before the message is printed, and its name in the message.
@@ -179,8 +179,8 @@ fn saved(cover: &Cover) -> String {
     }
 }
 
-/// Handles a signal: waits for claimed work, or saves a cover's work; then prints the message and exits with status
-/// `128 + signal`. Holds the lock on the state, so that the owner does not write the same files meanwhile.
+/// Handles a signal: waits until claimed work is saved, or writes the files of a [`Cover`]; then prints the message and
+/// exits with status `128 + signal`. Holds the lock on the state, so that the owner does not write the same files.
 fn end(signal: i32, say: fn(&str)) -> ! {
     SIGNAL.store(signal, Ordering::Relaxed);
     let claimed = |state: &mut State| matches!(state, State::Claimed);

@@ -52,7 +52,7 @@ const COARSE_HULL: u16 = 64;
 const NEAR_RADII: f32 = 0.1;
 /// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
-/// Least distance between two cameras by whose views a cell counts as occupied, in radii of the uncontracted ball.
+/// Least distance between two cameras that must see a cell for it to be occupied; radii of the uncontracted ball.
 const APART_RADII: f32 = 0.05;
 /// Quantile and factor. In an unbounded scene with sparse points, space is taken as empty up to this quantile of the
 /// distances from the cameras to the points in their photographs, times the factor.
@@ -60,7 +60,7 @@ const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
 /// Quantile and factor. If all cameras look nearly the same way, the radius of the uncontracted ball is this quantile
 /// of the distances from the cameras to the points in their photographs, times the factor.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Quantile and factor of the distances of [`ALL_VIEWS`]: end of the rays of an unbounded scene with sparse points.
+/// Quantile and factor, as in [`ALL_VIEWS`]: distance at which rays of an unbounded scene with sparse points end.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.

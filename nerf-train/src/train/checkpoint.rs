@@ -1,6 +1,6 @@
 //! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Runs with the same output use the same file: [`Checkpoint::check_belongs`] refuses that of another run.
+//! Runs with the same output use the same file: [`Checkpoint::check_belongs`] refuses a checkpoint of another run.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -132,8 +132,8 @@ impl Checkpoint {
         }
     }
 
-    /// Name of the first part that does not fit; `None` if all fit. A valid checksum does not prove that this program
-    /// wrote the file. `average`: averaged parameters of the run that resumes.
+    /// Name of the first part that contradicts the rest of the checkpoint or the run; `None` if all fit. A valid
+    /// checksum does not prove that this program wrote the file. `average`: averaged parameters of the resuming run.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -166,7 +166,7 @@ pub(crate) fn settings(config: &impl Serialize) -> String {
     tree.to_string()
 }
 
-/// Path of the first field that differs, such as `network.width`, and its values in `now` and `then`, if any.
+/// Path of the first field that differs, such as `network.width`, and its values in `now` and `then`; `None` if equal.
 pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {

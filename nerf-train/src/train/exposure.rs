@@ -30,7 +30,7 @@ pub struct ExposureFound {
     pub spread: f64,
     /// Whether the gains were measured at key points; otherwise they were learned in the run's first steps.
     pub by_tracks: bool,
-    /// Whether each photograph has a learned gain after the step at which this was found.
+    /// Whether the run continues with a learned gain for each photograph; otherwise with one exposure for all.
     pub fitted: bool,
     /// Index and log gain of the view farthest from the mean; `None` if it differs by less than a factor of 2.
     pub outlier: Option<(u32, f32)>,
@@ -63,7 +63,7 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Returns the gains to learn, `None` with one exposure for all, and the exposures measured at key points, if any.
+    /// Returns the gains to learn (`None`: one exposure for all) and the finding at key points (`None`: not measured).
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,
@@ -100,7 +100,7 @@ impl Gains {
 
     /// Does one Adam step of the log gains. `gradients`: gradients of the loss by the log gains, for each photograph.
     ///
-    /// Returns the finding after step `TRIAL`, else `None`. Unless it is `fitted`, the caller must discard the gains.
+    /// Returns the finding after step `TRIAL`, else `None`. If `fitted` is false, the caller must discard the gains.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

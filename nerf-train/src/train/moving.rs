@@ -164,7 +164,7 @@ impl Moving {
             && self.sums.as_flattened().iter().all(|x| x.is_finite())
     }
 
-    /// Sets the loss weights of a batch's rays: 0 in masked patches, else 1; empty if nothing is masked.
+    /// Sets the loss weights of a batch's rays: 0 in masked patches, else 1. Clears the weights if nothing is masked.
     pub fn weigh(&self, batch: &mut Batch) {
         batch.weights.clear();
         if self.masked.contains(&true) {
@@ -217,8 +217,8 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph: root mean square over the channels of the mean signed error in the patch's
-    /// 3 × 3 neighbourhood, minus the photograph's median. `None` with fewer than `KNOWN` rays.
+    /// Error of each patch of a photograph: per channel, mean signed error in the 3 × 3 neighbourhood, minus the median
+    /// of these means in the photograph; then root mean square over the channels. `None` with fewer than `KNOWN` rays.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {

@@ -18,7 +18,7 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps with poses refined on trial; it goes on if the image moved by at least [`CALLED_FOR`].
+/// Number of first steps with poses refined on trial; refinement goes on if the image moved by at least [`CALLED_FOR`].
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
@@ -35,8 +35,8 @@ const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
-/// Factor of the cameras' mean distance from the scene's centre. The product is the lever, by which [`hold`] divides
-/// translations, so that they weigh as much as rotations. Simulated on the cameras of the scene fox, with rotations
+/// Lever, as a fraction of the cameras' mean distance from the scene's centre. [`hold`] divides translations by the
+/// lever, to weigh translations like rotations. Simulated on the cameras of the scene fox, with rotations
 /// wrong by half a degree to one degree and translations by 1 % of the distance: the common motion that `hold` leaves
 /// moves the image by 0.66 pixels with a factor of 0.5, by 0.74 with 1, and by 0.82 if only rotations count. A lever
 /// proportional to the cameras' distance from their own centre is unstable if cameras are close together.
@@ -164,7 +164,7 @@ impl Poses {
         }
     }
 
-    /// Moves the cameras after every `EVERY`th step, counted from 0. Returns the finding once, after `TRIAL` steps.
+    /// Moves the cameras after every `EVERY`th step; `step` counts from 0. Returns the finding after `TRIAL` steps.
     pub fn step(
         &mut self,
         given: &[View],
@@ -241,8 +241,8 @@ fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     given.iter().zip(moved).map(of).collect()
 }
 
-/// Matrix `M` that gives the image motion for a small camera motion `v`: `vᵀ M v` is its mean square, pixels². The mean
-/// is over a grid of image points at three depths.
+/// Matrix `M` for which `vᵀ M v` is the mean square, pixels², of the image motion caused by a small camera motion `v`.
+/// The mean is over a grid of image points at three depths.
 fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     const SIDE: u8 = 5;
     let i = camera.intrinsics();

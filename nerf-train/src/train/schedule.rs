@@ -87,7 +87,7 @@ impl Budget {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
     }
 
-    /// Returns an error if the limit in seconds ended the run before `min_steps`, or before a step of this command.
+    /// Returns an error if the limit in seconds allowed fewer than `min_steps` steps, or no step of this command.
     pub fn check_steps(&self, done: Done, min_steps: u32) -> anyhow::Result<()> {
         let Some(limit) = self.seconds.filter(|_| self.steps.is_none_or(|steps| done.steps < steps)) else {
             return Ok(());

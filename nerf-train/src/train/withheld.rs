@@ -13,13 +13,13 @@ const SUMMED_FROM: u32 = 1_000;
 /// Step from which a run that withheld photographs looks for moving objects: by then the field has also learned the
 /// photographs that were withheld at first.
 pub const LEARNED_FROM: u32 = 2_000;
-/// Least number of steps of a run in which photographs are withheld at first.
+/// Least number of steps that a run must have for photographs to be withheld.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
 /// Fraction of the run after which withholding ends even without a finding.
 const GIVEN_UP_AT: f64 = 0.5;
 /// Number of withheld photographs.
 const COUNT: usize = 6;
-/// Least number of training photographs with which some are withheld.
+/// Least number of training photographs that a run must have for some to be withheld.
 const FEWEST: usize = 24;
 /// Limits of the PSNR gap between withheld and other photographs, dB. Up to the first limit, the weight decay stays as
 /// configured; from the second on, it is multiplied by [`MOST`]. Captures whose PSNR falls with more decay have gaps of

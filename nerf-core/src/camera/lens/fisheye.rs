@@ -94,8 +94,8 @@ impl Lens {
         None
     }
 
-    /// Returns the angle at which the lens folds: the seen distance from the principal point stops growing with the
-    /// angle. The distance grows at the angle `low`, and no longer grows at `high` (radians).
+    /// Returns the angle between `low` and `high`, radians, at which the lens folds. Found by bisection: the slope that
+    /// [`Self::angle_seen`] returns is above [`FOLD`] at `low`, but not at `high`.
     fn last_rising(&self, mut low: f32, mut high: f32) -> f32 {
         for _ in 0..24 {
             let middle = 0.5 * (low + high);

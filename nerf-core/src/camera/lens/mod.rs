@@ -16,8 +16,8 @@ mod tests;
 /// Distortion coefficients of a lens, which apply to normalised image coordinates, +y down.
 ///
 /// [`Projection::Perspective`]: with `r² = x² + y²` and `radial = (1 + k1 r² + k2 r⁴ + k3 r⁶) / (1 + k4 r² + k5 r⁴ +
-/// k6 r⁶)` an ideal image point `(x, y)` is seen at `x radial + 2 p1 x y + p2 (r² + 2x²)`, and likewise
-/// `y radial + p1 (r² + 2y²) + 2 p2 x y`.
+/// k6 r⁶)`, an ideal (undistorted) point `(x, y)` is seen at `(x', y')`, where
+/// `x' = x radial + 2 p1 x y + p2 (r² + 2x²)` and `y' = y radial + p1 (r² + 2y²) + 2 p2 x y`.
 ///
 /// [`Projection::Fisheye`]: a direction `θ` radians off the axis is seen `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)` from
 /// the principal point, on the side to which the direction points; `k5 k6 p1 p2` are 0.

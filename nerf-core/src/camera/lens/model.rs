@@ -3,12 +3,12 @@
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// Limit of two quantities: the distortion's slope along a line from the axis, and the determinant of the distortion's
-/// Jacobian. The lens folds where either is at most this. Past a fold, one image point shows two directions.
+/// The lens folds where one of two quantities is at most this: the distortion's slope along a line from the axis, or
+/// the determinant of the distortion's Jacobian. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
-/// Limit of a minimum of the distortion's slope along a line from the axis. If the minimum is at most this, the lens
-/// counts as folded, even though the slope may stay above [`FOLD`]: Newton's method may jump over a minimum that low
-/// (measured: up to 0.01).
+/// The lens also counts as folded if the distortion's slope along a line from the axis has a minimum of at most this,
+/// even if the minimum is above [`FOLD`]. The reason is that a step of Newton's method may cross a low minimum
+/// (measured: minima up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -89,8 +89,8 @@ impl Lens {
         None
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`, not normalised; `None` if there is no
-    /// inverse, as for [`Lens::undistort`].
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`, not normalised; `None` if the inverse of the
+    /// distortion is not found. With a fisheye, the direction need not point forward.
     pub fn direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         match self.projection {
             Projection::Fisheye => self.fisheye_direction(xd, yd),
@@ -161,8 +161,8 @@ impl Lens {
 
     /// Upper bound on the operator norm of [`Self::jacobian`] minus the identity, anywhere within `r` of the axis.
     ///
-    /// The slope of the radial part, less 1, is `3 k1 r² + 5 k2 r⁴` along the radius and smaller across. The tangential
-    /// part's Jacobian is `2 (p·q) I + 2 (p qᵀ + q pᵀ)` with `p = (p2, p1)` and `q` the point.
+    /// The slope of the radial part minus 1 is `3 k1 r² + 5 k2 r⁴` along the radius, and `k1 r² + k2 r⁴` perpendicular
+    /// to it. The tangential part's Jacobian is `2 (p·q) I + 2 (p qᵀ + q pᵀ)` with `p = (p2, p1)` and `q` the point.
     pub(super) fn bend(&self, r: f32) -> f32 {
         let r2 = r * r;
         r2 * (3.0 * self.k1.abs() + 5.0 * self.k2.abs() * r2) + 6.0 * (self.p1.abs() + self.p2.abs()) * r
@@ -175,9 +175,9 @@ impl Lens {
     /// Proof: let `seen` be a point within `radius` of the axis, and let `b = bend(9/7 radius)` be at most 1/8
     /// ([`Self::bend`]). The map `x ↦ seen − (distort(x) − x)`, whose fixed point is the ideal point, contracts the
     /// disc of radius `8/7 radius` into itself, so that the disc holds exactly one ideal point. Newton's method starts
-    /// at `seen`, which is within `1/7 radius` of that point. Each step multiplies the distance to that point by at
-    /// most `2b / (1 − b)`, which is at most 2/7. No step leaves the disc of radius `9/7 radius`, in which `b` bounds
-    /// the bend.
+    /// at `seen`, which is within `1/7 radius` of the ideal point. Each step multiplies the distance to the ideal point
+    /// by at most `2b / (1 − b)`, which is at most 2/7. No step leaves the disc of radius `9/7 radius`, in which `b`
+    /// bounds the bend.
     ///
     /// `false` for fisheyes and for lenses with `k3 k4 k5 k6`, to which the proof does not apply.
     pub(crate) fn is_gentle(&self, radius: f32) -> bool {
@@ -215,8 +215,8 @@ impl Lens {
 
     /// Whether the distortion folds between the axis and the ideal point `(x, y)`.
     ///
-    /// If Newton's method starts beyond a fold, its result also lies beyond the fold, and is wrong: at that image
-    /// point, a real lens shows the direction before the fold.
+    /// If Newton's method starts beyond a fold, its result may lie beyond the fold, too. The result is then wrong: at
+    /// that image point, a real lens shows the direction before the fold.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {

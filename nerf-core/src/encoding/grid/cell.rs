@@ -32,8 +32,8 @@ pub(super) struct Cells<V: Lanes> {
     x: V::Indices,
     y: V::Indices,
     z: V::Indices,
-    /// Position of the sample inside the cell, 0 to 1 on each axis. Also the interpolation weight of the cell's face at
-    /// the larger coordinate.
+    /// Position of the sample inside the cell, 0 to 1 on each axis. This is also the interpolation weight, along that
+    /// axis, of the corners at the larger coordinate.
     pub weights: [V; 3],
 }
 
@@ -49,9 +49,9 @@ impl<V: Lanes> Cells<V> {
         Self { x, y, z, weights: [wx, wy, wz] }
     }
 
-    /// Returns the table entry of each row of corners, counted from [`GridLevel::first`]. A row is two corners that
-    /// differ only in x: the returned entry is at the smaller x, the next entry at the larger. Rows are at (y, z),
-    /// (y+1, z), and in 3D also at (y, z+1), (y+1, z+1).
+    /// Returns the index of the first table entry of each row of corners, counted from [`GridLevel::first`]. A row is
+    /// two corners that differ only in x: the first entry is at the smaller x, the next entry at the larger. Rows are
+    /// at (y, z), (y+1, z), and in 3D also at (y, z+1), (y+1, z+1).
     #[inline(always)]
     pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
         let number = V::Indices::splat;

@@ -16,7 +16,7 @@ pub struct GridLevel {
     pub cells: [u32; 3],
     /// Index of the level's first entry among the entries of all levels.
     pub first: usize,
-    /// Number of entries of the level.
+    /// Number of entries: one per vertex in a dense level, `2^log2_entries + cells[0]` in a hashed level.
     pub entries: usize,
     /// Mask of the hash of (y, z), `2^log2_entries − 1`; `None` in a dense level, where each vertex has its own entry.
     pub mask: Option<u32>,

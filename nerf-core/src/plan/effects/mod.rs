@@ -5,12 +5,12 @@
 //! | [`Jitter`] | `jitter` | a hash for each bin that is tested for occupancy |
 //! | anti-aliasing | `anti-aliasing` | several rays a pixel, and memory for the sums of a tile's pixels |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
-//! | [`Tone`] | `tone-map` | three powers `x^p` per ray and pixel; for linear output, per ray and coloured sample |
+//! | [`Tone`] | `tone-map` | 3 powers `x^p` per ray and 3 per pixel; linear output: 3 per ray, 3 per coloured sample |
 //!
-//! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame
-//! ([`crate::render`]; for [`Jitter`], [`crate::sampling`]). In a build without its feature, a sibling `*_off.rs` with
-//! the same interface, which does nothing, replaces the stage. Lens distortion is a setting of the camera
-//! ([`Lens`](crate::camera::Lens), feature `lens`).
+//! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame in
+//! [`crate::render`], except [`Jitter`], which is in [`crate::sampling`]. In a build without an effect's feature, a
+//! file `*_off.rs` with the same interface replaces the effect's file, and does nothing. Lens distortion is a setting
+//! of the camera ([`Lens`](crate::camera::Lens), feature `lens`).
 
 #[cfg(test)]
 mod tests;

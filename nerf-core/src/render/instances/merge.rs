@@ -60,7 +60,7 @@ enum Known {
     Sample,
 }
 
-/// A ray in world space. Distances are counted from the ray's start: the nearest point at which the ray enters a field.
+/// A ray in world space. Distances are counted from its start: the smallest [`Span::start`] of any field, world units.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
@@ -134,8 +134,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Returns a function that takes the camera's position and returns a distance, world units: the output distance of
-    /// pixels that show no surface. It is the largest of the fields' [`Plan::far_from`].
+    /// Returns a function from the camera's position to the output distance of pixels without a surface, world units:
+    /// the largest of the fields' [`Plan::far_from`].
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -145,7 +145,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders ray `pixels.turn` of each pixel of the tile: one of the pixel's rays. With `COLLIDE`, a ray ends at a
+    /// Renders one ray of each pixel of the tile: the ray of index `pixels.turn`. With `COLLIDE`, a ray ends at a
     /// random point of collision, where its optical thickness reaches [`RaySource::until`].
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,

@@ -27,7 +27,7 @@ pub(in crate::render) struct RayState {
     /// The bins that may have a sample in an occupied cell. An empty array in builds without SIMD vectors, which look
     /// up every bin.
     pub candidates: [CandidateBins; VECTORS as usize],
-    /// Number of the ray's samples that were evaluated, without those behind the point where the ray ended.
+    /// Number of evaluated samples of the ray. Samples behind the point where the ray ended are not counted.
     pub kept: u32,
 }
 

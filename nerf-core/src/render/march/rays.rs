@@ -22,7 +22,7 @@ use crate::volume::Accumulator;
 /// whole. In a tile one pixel high, a packet is a row of the same number of rays. At most [`MAX_LANES`] rays.
 const PACKET: (u32, u32) = (4, 4);
 
-/// The rays of the current tile, without the rays that meet no occupied cell.
+/// The rays of the current tile that may have a sample in an occupied cell.
 pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
     /// A box around all occupied cells of the occupancy grid; `None` if there is no occupied cell or no grid.

@@ -29,8 +29,8 @@ pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
 }
 
 /// Point `ray` of a Fibonacci lattice of `rays` points in the unit square: the centre of a cell in a grid of `rays` ×
-/// `rays` cells. The cell's column is `ray`. To find the row, the fractional parts of `i` times the golden ratio are
-/// sorted, for all rays `i`; the row is the place of ray `ray`.
+/// `rays` cells. The cell's column is `ray`. The cell's row is the rank of `ray` when all ray indices `i` are sorted by
+/// the fractional part of `i` times the golden ratio.
 #[inline(never)]
 fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
     let middle = |cell: u32| (cell as f32 + 0.5) / rays as f32;

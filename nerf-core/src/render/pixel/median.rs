@@ -59,8 +59,8 @@ impl<'w> Medians<'w> {
 /// `t_edge + (ln 2 − thickness) / sigma`, where t_edge is the bin's near edge. The result is clamped to the bin, and
 /// is the near edge if `sigma` is +inf.
 ///
-/// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: density of the bin, not 0. `t`,
-/// `delta`: middle and width of the bin, world units along the ray.
+/// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: density of the bin, not 0. `t`:
+/// middle of the bin, world units along the ray. `delta`: width of the bin, world units along the ray.
 #[inline(never)]
 fn median_in_bin(thickness: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     thickness_in_bin(LN_2 - thickness, sigma, t, delta)

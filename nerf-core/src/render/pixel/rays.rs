@@ -14,8 +14,8 @@ use glam::Vec3;
 /// for a pixel without a surface.
 pub(in crate::render) trait RaySource {
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The camera, and the position of the ray within its pixel: pixels to the right and down, in `(0, 1)`, the same
-    /// for all pixels. `None` unless the source is a pinhole camera without distortion and depth of field.
+    /// The camera, and the distances of a ray from the left and the upper edge of its pixel: in pixels, `(0, 1)`, the
+    /// same for all pixels. `None` unless the source is a pinhole camera without distortion and depth of field.
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
@@ -32,8 +32,8 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance, world units, that is output for a pixel without a surface. `x`: the pixel's column, which selects the
-    /// ray if the rays are the caller's. Callers limit the distance to the ray's farthest visible distance.
+    /// Distance, world units, that is output for a pixel without a surface. `x`: column of the pixel; selects
+    /// the ray of [`OwnRays`]. The returned distance is not limited to the ray's farthest visible distance.
     fn far(&self, x: u32) -> f32;
     /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {
@@ -45,10 +45,10 @@ pub(in crate::render) trait RaySource {
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,
-    /// Position of the ray within its pixel: pixels to the right and down, in `(0, 1)`, the same for all pixels.
+    /// Distances of a ray from the left and the upper edge of its pixel: in pixels, `(0, 1)`, the same for all pixels.
     offset: (f32, f32),
     /// Index of the ring of the aperture through which the rays pass. The aperture is divided into rings of equal area,
-    /// as many as a pixel has rays.
+    /// one for each ray of a pixel.
     area: u32,
     limit: &'a L,
     far: f32,

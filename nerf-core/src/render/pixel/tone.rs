@@ -1,8 +1,8 @@
 //! Conversion of display-encoded colour to linear light and back. Exposure and tone curve are applied in linear light.
 //!
-//! For linear output, colours are decoded before compositing: the background and the colours of samples or, with
-//! deferred shading, the background and the colours of rays. Otherwise display-encoded colours are composited, as in
-//! training, and the composited colour of each ray is decoded.
+//! For linear output, the background and the colours of samples are decoded before compositing. With deferred shading,
+//! the colours of rays are decoded in place of those of samples. If the output is not linear, display-encoded colours
+//! are composited, as in training, and the colour of each ray is then decoded. [`Tone::NONE`] converts nothing.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};

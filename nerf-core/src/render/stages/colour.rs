@@ -1,6 +1,6 @@
-//! Evaluation of the colour branch at the samples that compositing picked. If these fill most of a density block, the
-//! branch is evaluated for the whole block; otherwise the picked samples of several density blocks are queued in a
-//! block of their own. The part of the branch that depends on the direction alone is evaluated once per ray.
+//! Evaluation of the colour branch at the samples that compositing picked. If picked samples fill most of a density
+//! block, the branch is evaluated for the whole block; otherwise picked samples of several blocks are collected in a
+//! separate block. The part of the branch that depends on the direction alone is evaluated once per ray.
 
 use super::TileState;
 use super::compositing::Compositing;

@@ -93,7 +93,7 @@ struct Columns<'a> {
     owner: [u32; BLOCK],
     origins: &'a mut [Row; 3],
     dirs: &'a mut [Row; 3],
-    /// Distance of each column's sample along its ray. If [`in_middles`], the index of the sample's bin instead.
+    /// Position of each column's sample along its ray, in the unit of the bins; if [`in_middles`], index of the bin.
     t: &'a mut Row,
     /// Two rows: the distance that each sample contributes to the mean `ray_distance`, and the width of each sample's
     /// interval. Both in world units.
@@ -180,9 +180,9 @@ impl<'a> Columns<'a> {
         copy(self.sums);
     }
 
-    /// Marches the ray of each of the first `n` columns to its next occupied sample. A ray that ends is replaced by the
-    /// next active ray. If no ray is active, the last column is copied to the gap, so that the columns in use stay the
-    /// first ones. Returns the number of columns in use; each of these has a sample.
+    /// Marches the ray of each of the first `n` columns to its next occupied sample. If a ray ends, the next active ray
+    /// takes its column. If no ray is active, the last column is moved into this column, so that the columns in use are
+    /// always the first ones. Returns the number of columns in use; each column in use has a sample.
     fn advance(&mut self, rays: &mut Rays<'_, '_>, deferred: &mut Deferred<'_>, mut n: usize) -> usize {
         let (mut waiting, mut waits) = ([0; BLOCK], 0);
         let (mut marching, mut marches) = ([0; BLOCK], 0);

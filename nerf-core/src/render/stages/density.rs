@@ -12,8 +12,8 @@ use crate::simd::{Lanes, MAX_LANES, Op, VECTORS};
 pub(in crate::render) struct Density<'w> {
     /// Index of each sample's ray; samples of one ray are adjacent, in marching order.
     pub owner: &'w mut [u32],
-    /// Distance of each sample along its ray, world units. In an unbounded scene, the position `s` along the ray
-    /// instead, which [`Contraction::distance`](crate::space::Contraction::distance) converts to a distance.
+    /// Distance of each sample along its ray, world units. In an unbounded scene, `t` is the position `s` along
+    /// the ray, which [`Contraction::distance`](crate::space::Contraction::distance) converts to a distance.
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
     /// Positions of the samples in the network's space, `[3][stride]`.

@@ -86,8 +86,8 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether the part `from..=to` of a ray lies in the inner ball. `ray`: from [`Contraction::centred`]; `from` and
-    /// `to`: positions `s` ([`Contraction::distance`]).
+    /// Whether the part `from..=to` of a ray lies in the inner ball; may be `false` if the part nearly touches the
+    /// surface. `ray`: from [`Contraction::centred`]; `from` and `to`: positions `s` ([`Contraction::distance`]).
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
         // A ball is convex, so that a test of the two ends suffices. The margin is for rounding.
@@ -160,9 +160,9 @@ impl Contraction {
     /// in `s`. Position and distance are 0 at the ray's point nearest to the centre. With power `p` the distance is `s`
     /// radii if `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign of `s`.
     ///
-    /// Outside the inner ball, equal widths in `s` are, with power 1, equal in disparity (1 / distance), and on a line
-    /// through the centre equal in contracted space. With larger powers they are nearly equal in the logarithm of
-    /// distance.
+    /// Bins outside the inner ball have equal widths in disparity (1 / distance) with power 1, and nearly equal widths
+    /// in the logarithm of distance with larger powers. With power 1, bins on a ray through the centre also have equal
+    /// widths in contracted space.
     ///
     /// # Source
     /// Barron et al. 2025, power ladder; deviation: linear up to 1, and extended to negative `s`.
@@ -188,8 +188,8 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// Ratio of the length of a bin at the contracted point `p`, in world units, to the length of a bin in the inner
-    /// ball: the ratio of the derivatives of [`Contraction::distance`] there. Holds for rays through the centre.
+    /// Length of a bin at the contracted point `p`, divided by the length of a bin in the inner ball, on a ray through
+    /// the centre, world units. Equals the ratio of the derivatives of [`Contraction::distance`] at the two bins.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;
@@ -210,8 +210,8 @@ impl Contraction {
         self.centre + q * (radii / contracted * self.radius)
     }
 
-    /// Position `s` of the point at `distance`, world units, from the ray's point nearest to the centre. Inverse of
-    /// [`Contraction::distance`]; finite even for a NaN.
+    /// Converts a distance along a ray, world units, to a position `s`: the inverse of [`Contraction::distance`]. The
+    /// result is finite even for a NaN.
     pub fn step_at(&self, distance: f32) -> f32 {
         let size = (distance.abs() / self.radius).min(FARTHEST);
         if size <= 1.0 {

@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 
 /// Contradicting photographs are left out of training only if the capture has at least this number of photographs.
 const ENOUGH: usize = 10;
-/// A pose is wrong if at least `.0` key points contradict it, and more than `.1` times as many as agree with it.
+/// A pose is wrong if at least `.0` key points contradict it, more than `.1` times the number of agreeing key points.
 const MISPLACED: (usize, usize) = (10, 2);
 /// A sector without photographs is reported if it spans at least this, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;
@@ -85,8 +85,8 @@ impl<'v> Found<'v> {
         found
     }
 
-    /// Sets `groups` to the division by the first [`Reason`], in order of declaration, that applies; to no groups if
-    /// none applies. Sets `outliers` to the few photographs that contradict the others; they are in no group.
+    /// Sets `groups` by the first [`Reason`], in order of declaration, that applies; `groups` stays empty if no reason
+    /// applies. Sets `outliers` to the few photographs that contradict the rest, and removes them from `groups`.
     fn settle_groups(&mut self) {
         let count = self.views.len();
         let Groups { groups, outliers } = Groups::of(count, &self.pairs);
@@ -122,7 +122,7 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// Returns the two photographs that contradict each other most, of different groups if possible; `None` if none do.
+    /// Returns the pair that contradicts most strongly, of different groups if possible; `None` if no pair contradicts.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());

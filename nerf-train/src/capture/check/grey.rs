@@ -66,8 +66,8 @@ impl Grey {
         Some(a + v * (b - a))
     }
 
-    /// Returns the grey levels of a patch around `middle`, row by row; `None` if the patch leaves the image. `right`,
-    /// `down`: steps from one sample to the next in a row and in a column. All in pixels of the working size.
+    /// Returns the grey levels of a patch around `middle`, row by row; `None` if the patch leaves the image. `right`:
+    /// step between samples of a row. `down`: step between rows. All arguments are in pixels of the working size.
     pub fn patch(&self, middle: [f32; 2], right: [f32; 2], down: [f32; 2]) -> Option<Vec<f32>> {
         let range = -HALF_PATCH..=HALF_PATCH;
         let steps = range.clone().flat_map(|v| range.clone().map(move |u| (u as f32, v as f32)));
@@ -112,7 +112,7 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Returns each photograph's sharpness divided by the median of its [`NEIGHBOURS`] nearest ones; 1 if there are none.
+/// Returns each photograph's sharpness, divided by the median over its [`NEIGHBOURS`] nearest photographs; 1 if alone.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

@@ -59,6 +59,7 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
 
 /// Returns the labels of the rejected clusters: small ones ([`FEW`]) with more contradicting than agreeing pairs. The
 /// cluster with the largest fraction of contradicting pairs is rejected first, and its pairs are ignored from then on.
+/// Small clusters with contradicting pairs and no agreeing pair are rejected even if all their pairs are ignored.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -87,7 +88,6 @@ fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
         let Some(&worst) = worst else { break };
         rejected.insert(worst);
     }
-    // Also rejects small clusters that no pair supports and that only rejected photographs contradict.
     rejected.extend(small.into_iter().filter(|&cluster| all[cluster].0 == 0 && all[cluster].1 > 0));
     rejected
 }
@@ -125,11 +125,11 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Returns the final groups and the outliers. If the photographs in `contradict` (those of rejected clusters) are
-    /// many ([`TORN`]), they form a last group. Otherwise, they and the photographs of small groups ([`FEW`]) after the
-    /// first are outliers if at least [`CERTAIN`] pairs contradict them, and else join the largest group. `group`:
-    /// index of each photograph's group, below `groups`; `None` if no pair contains it: it joins the previous
-    /// photograph's group.
+    /// Returns the final groups and the outliers. `group`: index of each photograph's group, below `groups`; `None` if
+    /// the photograph is in `contradict` or in no pair. A photograph in no pair joins the previous photograph's group.
+    /// `contradict`: photographs of rejected clusters. If there are many ([`FEW`], [`TORN`]), they form a last group.
+    /// Otherwise, each of them, like each photograph of a small group after the first, becomes an outlier if at least
+    /// [`CERTAIN`] pairs contradict it, and joins the largest group if not.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

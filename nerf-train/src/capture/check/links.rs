@@ -4,7 +4,7 @@ use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Two photographs are linked if they share at least this number of points.
+/// Two photographs are linked if they share at least this number of points, or if their pair agrees.
 const LINKED: u32 = 15;
 /// Maximum number of photographs that one point links to each other; its further photographs are ignored.
 const MAX_TRACK: usize = 200;

@@ -50,7 +50,7 @@ pub struct Diagnosis {
     pub pieces: Vec<usize>,
     pub bridges: Vec<[String; 2]>,
     pub views: Vec<Photograph>,
-    /// Names of the photographs of each run: consecutive by name, without a jump of the viewing direction between them.
+    /// Names of the photographs by run ([`spread::runs`]): consecutive names, split where the viewing direction jumps.
     #[serde(skip)]
     runs: Vec<Vec<String>>,
     /// Whether the data have point tracks; `runs` is used only without tracks.

@@ -12,9 +12,9 @@ const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
 const ENOUGH_POINTS: usize = 30;
 /// A pair of photographs is used if at least this number of patches were compared.
 const ENOUGH_PATCHES: usize = 15;
-/// Approximate maximum number of tests for points seen alike; it takes seconds. Beyond it, every N-th point is tested.
+/// Approximate maximum number of tests for points seen alike (takes seconds). For more, every N-th point is tested.
 const MAX_QUESTIONS: usize = 400_000_000;
-/// Maximum number of points of each photograph of a pair around which the two photographs' patches are compared.
+/// Maximum number of points, from each photograph of a pair, around which patches are compared.
 const COMPARED_POINTS: usize = 60;
 /// Maximum number of compared pairs; of a larger number, every N-th pair is compared.
 const MAX_PAIRS: usize = 60_000;
@@ -75,7 +75,7 @@ impl Compared<'_> {
 
     /// Normalised cross-correlation of the patches around `point` in this photograph and in `other`. The two patches
     /// show the same square in space, parallel to this photograph's image plane. `None` if this photograph's patch
-    /// lacks texture, or if either patch leaves its image.
+    /// lacks texture, if either patch leaves its image, or if either camera does not see the point.
     fn correlation(&self, other: &Self, point: Vec3) -> Option<f32> {
         let pose = self.view.camera.pose();
         let mine = self.grey.patch(self.shows(point)?, [1.0, 0.0], [0.0, 1.0])?;

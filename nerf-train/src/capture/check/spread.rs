@@ -28,7 +28,7 @@ pub(super) struct Gap {
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
     pub inward: bool,
-    /// Azimuth of each photograph around the cameras' mean up direction, degrees; `None` if nearly vertical.
+    /// Azimuth of each photograph around the mean up direction, degrees; `None` if the direction is nearly vertical.
     pub azimuths: Vec<Option<f32>>,
     /// Largest gap, and all further gaps of at least [`GAP`], in descending order.
     pub gaps: Vec<Gap>,
@@ -66,7 +66,7 @@ impl Spread {
     }
 }
 
-/// Splits `views`, in their order, into runs where the viewing direction jumps. Returns the indices of each run.
+/// Splits `views` where the direction jumps, once a run has [`SHORTEST_RUN`] views. Returns the indices of each run.
 pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =

@@ -53,7 +53,7 @@ pub struct ShardOption {
 }
 
 impl ShardOption {
-    /// Returns the part of the work to do: that of `--shard`, else of the array job, which is reported, else all.
+    /// Returns the part of the work given by `--shard`, else the array job's part (reported to the user), else all.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -127,7 +127,7 @@ impl Conduct {
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Returns the options of a run. `asked`: whether a flag gave `steps`; if not, `--max-seconds` lifts their limit.
+    /// Options of a run. `asked`: whether a flag gave `steps`; otherwise `--max-seconds` removes the limit on steps.
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

@@ -24,7 +24,7 @@ fn parse_set(text: &str) -> Result<toml::Table, String> {
 }
 
 impl SetOption {
-    /// Returns `settings` overridden by the values of `--set`. If values do not fit, the error names the first of them.
+    /// Returns `settings` overridden by the values of `--set`. Fails at the first name or value that is not valid.
     pub fn over<T: Serialize + DeserializeOwned>(&self, settings: T) -> anyhow::Result<T> {
         merged(settings, self.tables.clone()).map_err(|error| match error.downcast_ref::<toml::de::Error>() {
             Some(toml) => anyhow!("--set: {}", input::toml_message("", toml)),
@@ -43,9 +43,9 @@ impl SetOption {
 
 /// Returns the preset adapted to `surroundings`, overridden by the TOML file's values and then by the values of `set`.
 ///
-/// Some settings, given by the file or by `set`, adapt the preset to other surroundings: `sampling.contraction` to an
-/// unbounded scene; `sampling.scene_box` or `occupancy.skip=false` to a box instead of an unbounded scene;
-/// `occupancy.hull=false` to an unknown background.
+/// Some values in the file or in `set` take precedence over `surroundings`. With `sampling.contraction`, the preset is
+/// adapted to an unbounded scene. With `sampling.scene_box` or `occupancy.skip=false`, an unbounded scene is taken as a
+/// scene in a box. With `occupancy.hull=false`, a known background is taken as unknown.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,

@@ -75,7 +75,7 @@ pub(super) fn shots(render: &Render, blob: &Blob<'_>, global: &Global) -> anyhow
     Ok(vec![camera].into())
 }
 
-/// Returns the horizontal field of view of an image `width` pixels wide, degrees: from `--focal`, or the default.
+/// Returns the horizontal field of view, degrees, of an image `width` pixels wide: from `--focal`, or the default.
 fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     match render.focal {
         Some(focal) if focal > 0.0 => Ok(2.0 * (0.5 * width as f32 / focal).atan().to_degrees()),
@@ -162,7 +162,7 @@ fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// Returns width and height, pixels: from the flags, or else from `camera`; one flag keeps the aspect ratio.
+/// Returns width and height, pixels: from the flags, or else from `camera`. A missing flag keeps the aspect ratio.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))

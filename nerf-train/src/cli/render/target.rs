@@ -115,7 +115,7 @@ pub(super) fn claims(render: &Render, target: &Target) -> Claims {
     })
 }
 
-/// Returns the shard of the frames that this process renders: all frames, unless the output is a folder of frames.
+/// Returns the part of the frames to render: for a folder of frames, by `--shard` or the array job; else all frames.
 pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow::Result<Shard> {
     match target {
         Target::Frames => render.shard.choose(global),

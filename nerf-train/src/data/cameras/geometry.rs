@@ -14,8 +14,8 @@ const FORWARD_FACING: f64 = 0.02;
 /// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;
 
-/// Point with the least sum of distances to all optical axes, and how well the axes agree on it. Squared distances
-/// would let a few cameras that look elsewhere move the point. Reversing a viewing direction does not change the point.
+/// Point with the least sum of distances to all optical axes, and how well the axes agree on it. The distances are not
+/// squared, so that a few cameras that look elsewhere hardly move the point. Reversing an axis does not move it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LookAt {
     pub point: [f32; 3],
@@ -40,7 +40,7 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Point nearest to `lines`, each a point and a unit direction; `None` if fewer than two, or nearly parallel.
+    /// Point nearest to `lines` (position and unit direction); `None` for fewer than two lines or nearly parallel ones.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -146,13 +146,13 @@ pub struct SceneBounds {
     pub scene_box: SceneBox,
 }
 
-/// Near and far distance, world units, and scene box of a data set. `None` if neither data nor cameras give them, or if
-/// `near` is not less than `far`.
+/// Near and far distance, world units, and scene box of a data set. `None` if `near` or `far` follows from neither data
+/// nor cameras, if `near` is not less than `far`, or if the box is invalid ([`SceneBox::new`]).
 ///
 /// `near` and `far` are the data set's own, if stated. Otherwise they follow from the distances of the cameras from
-/// their look-at point. If these are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set, `near` is 2
-/// and `far` is 6, as usual. In all other cases, `near` is half the smallest distance, and `far` is the sum of the
-/// largest distance and the mean distance, minus `near`.
+/// their look-at point. If these distances are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set,
+/// `near` is 2 and `far` is 6, as usual for such data. In all other cases, `near` is half the smallest distance, and
+/// `far` is the sum of the largest and the mean distance, minus half the smallest distance.
 ///
 /// The box is a cube around the look-at point; its half side is the mean distance minus `near`. If the look-at point is
 /// uncertain ([`LookAt::places_the_scene`]), or if the mean distance is at most `near`, the box encloses all view

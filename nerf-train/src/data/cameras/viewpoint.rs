@@ -13,7 +13,7 @@ const MOST: f32 = 0.95;
 /// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
 /// Limits (maximum of e1 / e2, minimum of e2) on the eigenvalues e1 ≤ e2 ≤ e3 of the scatter matrix of the cameras' x
-/// axes. Beyond these limits, the x axes do not determine the up direction.
+/// axes, divided by the number of axes. Beyond these limits, the x axes do not determine the up direction.
 const LEVEL: (f64, f64) = (0.15, 0.02);
 /// Minimum number of sparse points that a view must show for an estimate of the scene's depth from them.
 const ENOUGH_POINTS: usize = 8;
@@ -106,7 +106,7 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
 }
 
 /// Up direction of the scene: perpendicular to the cameras' horizontal axes, because people hold cameras level. If
-/// these axes determine no direction, the median of the cameras' up directions.
+/// these axes determine no direction, or one at least 60° from the median of the cameras' up directions, the median.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()

@@ -29,7 +29,7 @@ struct Shot {
 
 impl Shot {
     /// Pixel at which this photograph shows a sparse point. `turn`: [`Shot::turn`] of the photograph that gave the
-    /// point. `None` if `turn` differs from this photograph's, or if the point is hidden or outside of the picture.
+    /// point. `None` if this photograph has another `turn`, or if the point is hidden or outside of the picture.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;

@@ -194,7 +194,7 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
 /// Visible fraction, 0..=1, of a small round light in direction `dir`, as seen from `point`.
 ///
 /// # Source
-/// Quilez, "Soft shadows in raymarched SDFs": the closest miss of a shape gives the penumbra.
+/// Quilez, "Soft shadows in raymarched SDFs": the least ratio of shape distance to ray distance gives the penumbra.
 pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     const SHARPNESS: f64 = 9.0;
     const STEPS: usize = 40;

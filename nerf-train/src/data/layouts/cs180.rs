@@ -152,7 +152,7 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that the notebook plots.
 const NOTEBOOK_VALIDATION: usize = 101;
-/// Number of validation views in a file that has the notebook's arrays, but not its 106 views. They are the last views.
+/// Number of validation views, taken from the end, in a file with the notebook's arrays but not exactly 106 views.
 const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`. Of the

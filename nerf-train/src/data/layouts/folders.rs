@@ -45,9 +45,9 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// Folders to search, best first: path, [`Located::downscale`], and whether it holds reduced copies. `size`: stated
-    /// picture size, pixels. Copies reduced by the factor of `downscale` come first, then larger copies, from small to
-    /// large. Smaller copies come last for [`Downscale::Auto`], and are otherwise left out.
+    /// Folders to search, best first: path, [`Located::downscale`], and whether the folder holds reduced copies. Copies
+    /// reduced by the factor of `downscale` come first, then larger copies, from small to large. Smaller copies come
+    /// last for [`Downscale::Auto`], and are otherwise left out. `size`: stated picture size, pixels.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -64,7 +64,7 @@ impl Folders {
         candidates
     }
 
-    /// Finds the photograph at the relative path `name`. `size`: its size as the data set states it, pixels.
+    /// Finds the photograph at the relative path `name`. `size`: picture size that the data set states, pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));
@@ -131,11 +131,11 @@ pub(crate) fn entries(folder: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     std::fs::read_dir(folder).map_err(io)?.map(|entry| entry.map(|entry| entry.path()).map_err(io)).collect()
 }
 
-/// One view in this many is held out for validation, as is usual in the field.
+/// Interval, among views sorted by name, between two views that are held out for validation. Eight is usual.
 pub(crate) const HOLD: usize = 8;
 
-/// Splits views, in the order of the bytes of their names: every eighth from index o = [`ReadOptions::hold_offset`]
-/// modulo 8 on is for validation. With at most o + 1 views, all are for training.
+/// Sorts views by the bytes of their names, and splits them into training and validation views. Every eighth view from
+/// index o = [`ReadOptions::hold_offset`] modulo 8 is for validation. With at most o + 1 views, all are for training.
 pub(crate) fn every_eighth(
     mut views: Vec<View>,
     options: &ReadOptions,

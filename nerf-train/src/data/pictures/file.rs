@@ -143,7 +143,7 @@ impl Listings {
     }
 }
 
-/// Lower-case names of a folder's files, with and without extensions; empty without a folder, `None` if unreadable.
+/// Lower-case names of a folder's files, with and without extension; `None` if unreadable, empty if there is no folder.
 fn names_in(folder: &Path) -> Option<HashSet<String>> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = match std::fs::read_dir(folder) {

@@ -69,7 +69,7 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics`: intrinsics for a picture size (as stated, else the file's).
+    /// Decodes a photograph and makes its camera. `optics`: gets the stated picture size or, if none, the decoded size.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,

@@ -43,7 +43,8 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// First source pixel that target pixel `index` of `count` overlaps, and the overlapped fraction of each from there on.
+/// Index of the first source pixel that target pixel `index` of `count` overlaps, and the overlapped fraction of this
+/// and each following source pixel. The side has `length` source pixels.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;

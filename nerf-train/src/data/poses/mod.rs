@@ -143,7 +143,7 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads the largest reconstruction that `way` made, with the photographs moved next to it; `None` if that fails.
+/// Reads the largest reconstruction that `way` made; the photographs lie next to it meanwhile. `None` if reading fails.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");
@@ -153,7 +153,7 @@ fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     Ok(data)
 }
 
-/// Runs COLMAP's stages by `way` and returns a summary of the largest reconstruction.
+/// Runs COLMAP's stages with the strategy `way`, and returns a summary of the largest reconstruction.
 fn attempt(way: Way, place: &Place, runner: &Runner<'_>) -> anyhow::Result<Facts> {
     if let Some(matching) = commands::matching(place, way) {
         let database = place.database(way);

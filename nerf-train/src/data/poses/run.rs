@@ -9,7 +9,7 @@ use std::io;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// Number of the last bytes of COLMAP's output that are kept. These tell COLMAP's progress, and why it failed.
+/// Number of bytes kept from the end of each of COLMAP's output streams, to tell its progress and why it failed.
 const KEPT_BYTES: usize = 32 << 10;
 /// Interval at which COLMAP's output is polled.
 const LOOK_EVERY: Duration = Duration::from_millis(200);

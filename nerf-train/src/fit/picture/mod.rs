@@ -38,7 +38,7 @@ pub struct Evaluation<'a> {
 #[derive(Clone, Debug)]
 pub struct Outcome {
     pub bytes: Vec<u8>,
-    /// Rendering of the exported field, at the size of the picture that it was fitted to.
+    /// Rendering of the exported field, at the size of the fitted picture.
     pub picture: Picture,
     pub psnr_db: f64,
     pub subnormal_weights: usize,

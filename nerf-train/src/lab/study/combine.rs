@@ -9,7 +9,7 @@ use crate::measure::point::Settings;
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
-    /// One row per value: settings and price, which is PSNR lost against the base, dB, and multiply-adds / base's.
+    /// One row per value: settings, and price relative to the base settings: PSNR lost, dB, and ratio of multiply-adds.
     pub rows: Vec<(Settings, Price)>,
 }
 
@@ -55,7 +55,7 @@ fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
 mod tests {
     use super::*;
 
-    /// Choices of a knob. `set`: writes its value into settings. `rows`: value, loss of PSNR in dB, cost.
+    /// Choices of a knob. `set`: writes a value of the knob into settings. `rows`: value, loss of PSNR in dB, cost.
     fn choices(name: &str, set: fn(&mut Settings, f32), rows: &[(f32, f64, f64)]) -> Choices {
         let knob = KNOBS.iter().position(|knob| knob.name == name).expect("a knob");
         let row = |&(value, loss_db, cost): &(f32, f64, f64)| {

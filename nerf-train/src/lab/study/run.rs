@@ -30,7 +30,7 @@ use std::time::{Duration, Instant};
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Largest loss of PSNR, against the exact rendering, of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Points of a blob's Pareto front that lose at most this PSNR against the exact rendering, dB, do not march in longer
+/// Loss of PSNR against the exact rendering, dB, up to which points of a blob's Pareto front must not march in longer
 /// steps than training did. The loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
 /// Largest number of combinations chosen from all knobs, and again from the knobs that a blob's front stores.
@@ -200,8 +200,8 @@ impl<'a, 'b> Study<'a, 'b> {
         self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
-    /// Whether a pass renders `point` on the view of index `view`. Only timing views get slow points or, with
-    /// `only_timing`, any points. The exact rendering counts as slow only if the view already has one.
+    /// Whether a pass renders `point` on the view of index `view`. Timing views get all points. Other views get
+    /// no point if `only_timing`, else all points that are not slow, and the exact rendering if it is still missing.
     fn wanted(&self, point: &Point, view: usize, only_timing: bool) -> bool {
         let timed = self.timing.contains(&view);
         let first = point.views[view].is_none();

@@ -32,7 +32,7 @@ pub enum Job<'a> {
     Scene {
         dataset: &'a Dataset,
         base: Box<Config>,
-        /// Time limit, seconds, in place of a limit of steps, of each run whose point does not set [`Knob::Seconds`].
+        /// Time limit, seconds, of each run whose point does not set [`Knob::Seconds`]; replaces the limit in steps.
         seconds: Option<f64>,
     },
 }
@@ -204,7 +204,7 @@ fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Rec
     }
 }
 
-/// Status of a run, and the reason if it is flat: PSNR at most `flat_psnr_db`, the PSNR of a single colour, dB.
+/// Status of a run, and the reason if the run is `flat`: no better than one colour, whose PSNR is `flat_psnr_db`.
 fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
     match flat {
         true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),

@@ -15,8 +15,8 @@ use serde::Serialize;
 
 /// Default threshold, dB: an effect, such as view dependence, is kept if it raises PSNR by at least this.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// Ratio of multiply-adds with an effect to those without it, below which the effect saves work. An effect that saves
-/// work is kept unless it lowers PSNR by the threshold or more.
+/// Ratio of multiply-adds (with an effect / without the effect) below which the effect saves work. An effect that
+/// saves work is kept unless it lowers PSNR by the threshold or more.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -41,7 +41,7 @@ pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     }
 }
 
-/// Indices of the two nearest of `small` pixels, and the second's weight, for each of `large` pixels along a side.
+/// For each of `large` pixels along a side: indices of the two nearest of `small` pixels, and weight of the second.
 fn taps(small: usize, large: usize) -> Vec<(usize, usize, f32)> {
     let last = small.saturating_sub(1);
     let tap = |i: usize| {

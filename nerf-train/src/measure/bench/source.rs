@@ -1,4 +1,4 @@
-//! The f32 weights of a foreign network, of which `import` made a scene file with rounded weights.
+//! The f32 weights of a network trained elsewhere, from which `import` made a scene file with rounded weights.
 
 use crate::measure::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
 use half::f16;

@@ -14,19 +14,19 @@
 //!
 //! | tensor | shape | becomes |
 //! | --- | --- | --- |
-//! | `pts_linears.0.weight` | `[W, E]` | first trunk layer; `E`, width of PE(x), tells its levels |
-//! | `pts_linears.i.weight` | `[W, W]`, or `[W, E + W]` | trunk layer, or the one that takes `[PE(x), h]` |
+//! | `pts_linears.0.weight` | `[W, E]` | first trunk layer; the width `E` of PE(x) gives the number of levels |
+//! | `pts_linears.i.weight` | `[W, W]`, or `[W, E + W]` | trunk layer with input `h`, or with input `[PE(x), h]` |
 //! | `alpha_linear.weight` | `[1, W]` | density head |
 //! | `feature_linear.weight` | `[W, W]` | no activation: folded into the layer after it |
-//! | `views_linears.0.weight` | `[V, W + D]` | first colour layer; `D`, width of PE(d), tells its levels |
+//! | `views_linears.0.weight` | `[V, W + D]` | first colour layer; the width `D` of PE(d) gives the number of levels |
 //! | `rgb_linear.weight` | `[3, V]` | rgb |
-//! | `output_linear.weight` | `[4, W]` | without view directions: rgb, then sigma; replaces the four above |
+//! | `output_linear.weight` | `[4, W]` | without view directions: rgb, then sigma; replaces the four tensors above |
 //!
 //! A coarse network (`--coarse`) is read in the same way; its layers up to the densities become the scene's proposal
 //! network.
 //!
-//! Each weight has a `.bias` of as many values as it has rows. A prefix of the names, such as `module.` or
-//! `network_fine.`, is ignored.
+//! Each weight comes with a `.bias`, which has one value per row of the weight. A prefix of the names, such as
+//! `module.` or `network_fine.`, is ignored.
 //!
 //! # Source
 //! The names and the order of columns are those of github.com/yenchenlin/nerf-pytorch (`run_nerf_helpers.py`),
@@ -280,9 +280,9 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// Measures the PSNR gained by view dependence, dB, over the mean of the encoded direction. Removes view dependence
-    /// if the gain is too small. `None` without measuring if colour ignores the direction, or if
-    /// [`Check::is_suspicious`].
+    /// Measures the PSNR that view dependence gains over the mean of the encoded direction, dB. Removes view dependence
+    /// if the gain is too small. Returns `None`, without a measurement, if colour does not depend on the direction, or
+    /// if [`Check::is_suspicious`] is true.
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());

@@ -48,9 +48,9 @@ pub struct Settings {
     /// Factor s of the encoding sin(2^k s x).
     #[arg(long, value_enum, value_name = "S", default_value = "1")]
     pub angle_scale: AngleFactor,
-    /// Order of sines and cosines. Level by level, either sin x, sin y, ..., cos x, cos y, ... (level, nerf-pytorch)
-    /// or sin x, cos x, sin y, cos y, ... (pairs). Input by input: sin, cos of each level (input, tiny-cuda-nn).
-    /// All sines, then all cosines: level by level (halves, mip-NeRF) or input by input (halves-by-input, nerfstudio).
+    /// Order of sines and cosines. level (nerf-pytorch): per level, sin x, sin y, ..., cos x, cos y, ...; pairs: per
+    /// level, sin x, cos x, sin y, cos y, ...; input (tiny-cuda-nn): per input, sin and cos of each level; halves
+    /// (mip-NeRF): all sines, then all cosines, level by level; halves-by-input (nerfstudio): the same, input by input.
     #[arg(long, value_enum, default_value = "level")]
     pub order: Order,
     /// Position of the raw inputs in the encoding [default: first, if present].
@@ -119,7 +119,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Checks that every setting is within its limits, except for those of the file format, checked on writing.
+    /// Checks every setting against its limits. The other limits of the file format are checked on writing the file.
     pub fn check(&self) -> Result<(), ConfigError> {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
         let sound = near >= 0.0 && near < far && far.is_finite();

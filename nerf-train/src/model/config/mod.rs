@@ -122,7 +122,7 @@ pub struct SamplingConfig {
     /// Weight of the distortion loss, which concentrates the compositing weights along a ray; 0 for none. Unbounded
     /// scenes only. The unit of distance in this loss is the side of the contracted cube.
     pub distortion: f32,
-    /// Weight of the smoothness loss, which draws surfaces of even colour towards planes; 0 for none. Unbounded scenes only.
+    /// Weight of the smoothness loss, which flattens surfaces of uniform colour; 0 for none. Unbounded scenes only.
     pub smoothness: f32,
 }
 
@@ -163,9 +163,9 @@ impl Default for CaptureConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
-    /// In an unbounded scene, photographs have gains if the standard deviation of their log gains is at least 0.12, or
-    /// if one gain is at least a factor of 2 from the mean. In a scene box, they have gains if the PSNR of withheld
-    /// photographs is more than 3.4 dB below that of the others.
+    /// In an unbounded scene, gains are first estimated. Photographs have learned gains if the standard deviation of
+    /// the estimated log gains is at least 0.12, or if one estimate is at least a factor of 2 from the mean. In a scene
+    /// box, photographs have gains if the PSNR of withheld photographs is more than 3.4 dB below that of the others.
     Auto,
     /// Each photograph has its own gain.
     Own,
@@ -178,8 +178,8 @@ pub enum Exposure {
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
     /// Poses stay as given if the median reprojection error of the sparse points is at most 2 pixels. Otherwise, poses
-    /// are refined in the first 1,000 steps. Refinement then goes on if the median motion of the images is at least
-    /// 0.008 focal lengths; if not, the given poses are restored.
+    /// are refined in the first 1,000 steps. If this moves the images by at least 0.008 focal lengths (median over the
+    /// photographs), refinement goes on; if not, the given poses are restored.
     Auto,
     /// Poses are refined throughout training.
     Refine,
@@ -361,7 +361,7 @@ impl Config {
         self
     }
 
-    /// Adapts the settings to what is known of a scene's background.
+    /// Applies [`Config::without_hull`] if the background is unknown, [`Config::unbounded`] if the scene is unbounded.
     pub fn around(self, surroundings: Surroundings) -> Self {
         match surroundings {
             Surroundings::Known => self,

@@ -5,7 +5,7 @@ use nerf_core::matrix::{Gemm, Init, gemm};
 use nerf_core::simd::{BLOCK, Isa};
 use rayon::prelude::*;
 
-/// Largest number of a layer's outputs for which dot products give its gradient faster than a matrix product.
+/// Largest number of outputs at which dot products compute a layer's gradient faster than a matrix product does.
 const FEW_OUTPUTS: usize = 4;
 const ROWS: usize = 32;
 
@@ -27,7 +27,7 @@ impl LayerSum {
         self.touched = false;
     }
 
-    /// Adds a chunk's gradient: `dy`, the gradient with respect to the outputs, times `[main, extra, 1]` transposed.
+    /// Adds a chunk's gradient: `dy` (gradient with respect to outputs) times the transposed inputs `[main, extra, 1]`.
     pub(super) fn add(
         &mut self,
         isa: Isa,

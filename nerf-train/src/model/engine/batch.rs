@@ -4,7 +4,7 @@ use glam::Vec3;
 use nerf_core::space::Contraction;
 use std::ops::Range;
 
-/// Number of samples at which a chunk gets no further ray. Their activations fit the caches.
+/// Number of samples at which a chunk is full. The activations of this many samples fit the caches.
 pub(super) const SAMPLES: usize = 512;
 /// Number of rays at which a chunk is full, even if it has few samples: rays without samples cost time, too.
 const RAYS: usize = 2048;
@@ -51,7 +51,7 @@ pub struct RayQuestion {
     pub blur: f32,
 }
 
-/// Gradient of the loss with respect to a ray's origin and direction; the samples' distances are held constant.
+/// Gradient of the loss with respect to a ray's origin and direction; samples keep their distances from the origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
     pub ray: u32,
@@ -82,7 +82,7 @@ pub struct Batch {
     pub roulette: Option<(u64, u64)>,
     /// Known surfaces of the batch's first rays, one per ray; later rays have none. With a grid only.
     pub surfaces: Vec<Surface>,
-    /// Positions along their rays of all samples on rays with a known surface: 0 to 1, as [`Surface::at`].
+    /// For each sample on a ray with a known surface: position along the ray, 0 to 1, as [`Surface::at`].
     pub along: Vec<f32>,
     /// Index of each ray's photograph. This field and all fields after it are used with a grid only.
     pub views: Vec<u32>,
@@ -90,7 +90,7 @@ pub struct Batch {
     pub pixels: Vec<u32>,
     /// Origin of each ray, world units.
     pub origins: Vec<[f32; 3]>,
-    /// Request for gradients with respect to the rays, in which the distances between samples are constants.
+    /// Request for gradients with respect to the rays ([`RayGradient`]); `None` if they are not needed.
     pub question: Option<RayQuestion>,
     /// Gain of each ray's photograph: factors on red, green, blue before the background is added. Empty: all are 1.
     pub gains: Vec<[f32; 3]>,
@@ -98,11 +98,11 @@ pub struct Batch {
     pub weights: Vec<f32>,
     /// Weight of the distortion loss, per unit of length in the space of `positions`; 0 for none.
     pub distortion: f32,
-    /// Index of each line's first ray, a multiple of [`LINE`]; ascending. A line is [`LINE`] consecutive rays through equally
-    /// spaced pixels on a row or column of a photograph.
+    /// Index of each line's first ray, a multiple of [`LINE`]; ascending. A line is [`LINE`] consecutive rays through
+    /// equally spaced pixels on a row or column of a photograph.
     pub lines: Vec<u32>,
-    /// Weight of the smoothness loss on `lines`, and the contraction of the world into the space of `positions`. `None`: no
-    /// smoothness loss.
+    /// Weight of the smoothness loss on `lines`, and the contraction of the world into the space of `positions`.
+    /// `None`: no smoothness loss.
     pub smoothness: Option<(f32, Contraction)>,
 }
 

@@ -19,7 +19,7 @@ const ACCUMULATORS: usize = 16;
 
 /// Trains a network with sinusoidal encodings by explicit forward and backward passes.
 ///
-/// Memory: five times the parameters, and a gradient and a chunk's activations per accumulator.
+/// Memory: five values per parameter and, for each accumulator, one gradient and the activations of one chunk.
 pub struct FusedEngine {
     graph: Graph,
     isa: Isa,

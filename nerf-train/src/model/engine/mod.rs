@@ -180,7 +180,7 @@ pub trait Engine: Send {
         &[]
     }
 
-    /// Returns the last batch's gradient with respect to the log gain of each of `views` photographs; 0 without rays.
+    /// Returns the last batch's gradient with respect to each photograph's log gain; 0 for a photograph without rays.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
@@ -233,12 +233,12 @@ pub struct Adam {
     pub epsilon: f64,
     /// Decoupled weight decay: a step multiplies a weight by 1 − rate · decay. With a grid, in the colour branch only.
     pub weight_decay: f64,
-    /// Number of steps, at least 1, between updates of a hashed level by the sum of its gradients since the last one.
+    /// Number of steps per update of a hashed level, at least 1. Adam gets the sum of gradients since the last update.
     pub hashed_every: u32,
 }
 
 impl Default for Adam {
-    /// Returns constants for short training on a CPU: a second moment over few steps, and a negligible epsilon.
+    /// Returns constants for short training on a CPU: the second moment averages few steps, and epsilon is negligible.
     fn default() -> Self {
         Self { betas: [0.9, 0.99], epsilon: 1e-15, weight_decay: 0.0, hashed_every: 1 }
     }

@@ -130,8 +130,8 @@ impl Model {
     /// Returns initial parameters; a seed gives the same values on every machine. Weights and biases are U(±1/√fan_in),
     /// as in PyTorch's `nn.Linear`; the density's bias is shifted by `density_bias / density_scale`.
     ///
-    /// For a grid field: tables U(±1e-4); layers U(±√(6 / fan_in)) before a ReLU, else U(±√(6 / (fan_in + 16))); biases
-    /// only for density. Without a trunk, raw density begins as the sum of the levels' first features.
+    /// For a grid: tables U(±1e-4); weights U(±√(6 / fan_in)) before a ReLU, else U(±√(6 / (fan_in + 16))); biases 0
+    /// except the density's, `density_bias`. Without a trunk, raw density begins as the sum of levels' first features.
     pub fn initial_parameters(&self, seed: u64) -> Vec<f32> {
         if self.architecture.position.grid().is_some() {
             return self.initial_grid_parameters(seed);
@@ -180,7 +180,7 @@ impl Model {
         parameters
     }
 
-    /// Returns the parameters of the exported network [`Model::architecture`], in its order, then the tables' values.
+    /// Returns the exported network's parameters in the order of [`Model::architecture`], then the tables' values.
     /// The feature layer is multiplied into the layer after it, and `density_scale` into the density head, in f64.
     ///
     /// # Panics

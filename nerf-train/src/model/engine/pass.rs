@@ -187,7 +187,7 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of density and trunk from dL/d sigma and, if `colour`, the colour's part in `self.upper`.
+    /// Does the backward pass of density and trunk. `colour`: whether `self.upper` holds the colour's dL/d (trunk).
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {

@@ -11,7 +11,7 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Number of samples at which a tape gets no further ray: some 300 MiB of activations for the 8×256 network.
+/// Number of samples of a full tape, which gets no further ray: some 300 MiB of activations for the 8×256 network.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
 /// Parameters of one layer; main and extra inputs have separate matrices, as dfdx has no concatenation.

@@ -1,7 +1,7 @@
 //! Palettes of up to 256 colours for a frame.
 //!
 //! Colours are assigned where the squared error is largest. NeuQuant of the `gif` crate assigns colours by area
-//! instead: a small object in front of a wide background got only a dozen.
+//! instead: a small object in front of a wide background got only a dozen colours.
 
 const MAX_COLOURS: usize = 256;
 /// Number of iterations of k-means.
@@ -55,7 +55,7 @@ fn count(rgb: &[u8]) -> Vec<Counted> {
     pixels.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
 }
 
-/// Set of colours. `axis`: channel of largest spread; `mean`, `error`: its mean and sum of squared deviations.
+/// Set of colours. `axis`: channel of largest `error`, the sum of squared deviations from the channel's mean, `mean`.
 struct Set {
     colours: Vec<Counted>,
     error: f64,

@@ -40,7 +40,7 @@ impl ShownRay {
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
-    /// Number of bins from near to far, with one sample in each. Marched rays: largest number of samples of a ray.
+    /// Number of bins from near to far, each with one sample; for marched rays, largest number of samples of a ray.
     pub bins: u16,
     pub marched: bool,
     /// Number of rays of the training step; the first of these rays are shown.

@@ -23,7 +23,7 @@ impl<'a, 'b> Field<'a, 'b> {
         Self { renderer, plan }
     }
 
-    /// Whether the scene is unbounded: contracted space has no outside from which rays could find its surfaces.
+    /// Whether the scene uses contracted space, which has no outside from which rays could find the scene's surfaces.
     pub fn is_unbounded(&self) -> bool {
         self.renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some())
     }
@@ -74,8 +74,8 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 }
 
-/// Distance along a ray at which the optical depth reaches ln 2 (opacity 1/2), in the unit of `delta`; `None`: never.
-/// `sigma`: density in each bin of the ray; `delta`: width of a bin.
+/// Distance along a ray at which the optical depth reaches ln 2 (opacity 1/2), in the unit of `delta`; `None` if the
+/// optical depth of the whole ray is less. `sigma`: density in each bin of the ray; `delta`: width of a bin.
 fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
     let mut depth = 0.0;
     for (i, sigma) in sigma.iter().enumerate() {

@@ -18,7 +18,7 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// Lattice with `resolution` cubes along the longest side of the box, and one more at each end.
+    /// Lattice with `resolution` cubes along the longest side of the box, plus one cube at each end of every axis.
     pub fn new(bounds: &SceneBox, resolution: u32) -> anyhow::Result<Self> {
         let (cell, cells) = cubes(bounds, resolution)?;
         let cells = cells.map(|count| count + 2);

@@ -76,7 +76,7 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    /// Adds the faces of all crossed edges in slice `z`, or between it and slice `z + 1`, whose levels are `above`.
+    /// Adds the faces of crossed edges in slice `z`, and between slices `z` and `z + 1`. `above`: levels of `z + 1`.
     fn faces(&mut self, z: usize, above: &[f16]) {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;

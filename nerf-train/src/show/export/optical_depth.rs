@@ -8,7 +8,7 @@ use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Largest ratio that [`level`] distinguishes: the level is 1 from this ratio on, and 0 up to its inverse.
+/// Ratio at and above which [`level`] is 1. At and below the inverse of this ratio, [`level`] is 0.
 const RANGE: f32 = 1000.0;
 /// Limit on the sum of optical depths at a corner (opacity 15/16), applied when the next corner's sum is computed from
 /// it. With this limit, a decaying sum is small again soon after opaque matter.
@@ -23,7 +23,7 @@ pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
 
-/// The three smallest sums of optical depth at a corner, ascending: upper 16 bits of `f32`s, which sort as the values.
+/// The three smallest sums at a corner, ascending, as upper 16 bits of `f32`s; these integers sort like the values.
 type Least = [u16; 3];
 
 pub(super) struct OpticalDepth {
@@ -75,7 +75,7 @@ impl OpticalDepth {
         });
     }
 
-    /// Sums along the nine directions from slice to slice, in this `order`. `keep`: as in [`Self::within_slices`].
+    /// Sums optical depths along nine directions, slice by slice in `order`. `keep`: as in [`Self::within_slices`].
     fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {

@@ -20,7 +20,7 @@ const BEHIND: f32 = 8.0;
 /// Threshold distance, cells: a vertex stays in place if its ray meets the surface within this distance. Otherwise the
 /// vertex moves along the ray by the excess, rounded up to a quarter of a cell.
 const NEAR: f32 = 1.75;
-/// Length over which sums of optical depth fall by a factor of e, cells. For a scene that is seen from inside.
+/// Length over which sums of optical depth fall by a factor of e, cells; used by [`Surface::VisibleFromInside`].
 const DECAY: f32 = 8.0;
 /// Number of times that each normal is averaged with its neighbours, as normals of single cells are noisy.
 const NORMAL_PASSES: usize = 6;
@@ -43,8 +43,8 @@ pub enum Surface {
 ///
 /// The mesh is a surface net of the lattice's optical depths, or densities, with smoothed normals. For a visible
 /// surface, a vertex is left out if the opacity along its inward ray stays below 1/2. If the opacity crosses 1/2 far
-/// behind a vertex, the vertex moves to about two cells outside of the crossing: nearer, triangles would intersect.
-/// `each` is called with the number of finished slices, counted over three passes of the lattice.
+/// behind a vertex, the vertex moves to about two cells outside of the crossing. Closer vertices would make
+/// triangles intersect. `each` is called with the number of finished slices, counted over three passes of the lattice.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,

@@ -79,8 +79,8 @@ pub struct Label {
 /// Rectangle that a point or a label covers: left, top, right, bottom, pixels.
 type Taken = [i32; 4];
 
-/// Draws labels beside points, inside of `area` (columns and rows), all in pixels of `root`. A label avoids points and
-/// earlier labels; a thin line joins it to a distant point. A label without room is left out.
+/// Draws labels beside points, with all positions in pixels of `root`; `area`: columns and rows for labels. A label
+/// avoids points and earlier labels; a thin line joins a label to a distant point. A label without room is left out.
 pub(super) fn draw_labels<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     area: &(Range<i32>, Range<i32>),

@@ -102,7 +102,7 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
 }
 
 /// Sheet with a row per view, a column per step, and a column of ground truth over `background`; `None` if empty.
-/// Pictures are read from `folder`, also those from before a resume; a missing one becomes a grey cell.
+/// Snapshots are read from `folder`, including those saved before a resume. A missing snapshot becomes a grey cell.
 fn sheet(
     title: &str,
     folder: &Path,

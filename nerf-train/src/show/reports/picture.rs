@@ -10,7 +10,7 @@ use crate::system::summary;
 use crate::train::CurvePoint;
 use std::path::{Path, PathBuf};
 
-/// Writes the whole report; `snapshots`: steps of the snapshots, whose pictures are in `folder`.
+/// Writes the whole report. `snapshots`: requested snapshot steps; the pictures are read from `folder/snapshots`.
 pub fn write(
     folder: &Path,
     photo: &Photo,
@@ -60,7 +60,7 @@ pub fn step_file(snapshots: &Path, step: u32) -> PathBuf {
     snapshots.join(format!("step_{step:06}.png"))
 }
 
-/// Writes `sheet.png`: snapshots in `folder`, also from before a resume, then the final picture, and the target.
+/// Writes `sheet.png`: the snapshots, including those saved before a resume, then the final picture and the target.
 fn write_sheet(folder: &Path, photo: &Photo, outcome: &Outcome, snapshots: &[u32]) -> anyhow::Result<()> {
     let shown = |point: &CurvePoint| {
         let db =

@@ -89,7 +89,7 @@ fn status(record: &Record) -> &'static str {
     }
 }
 
-/// Table of PSNR over the two settings that vary; `None` unless exactly two do.
+/// Table of PSNR over the two settings that vary; `None` if the number of varied settings is not two.
 fn matrix(records: &[Record]) -> Option<Table> {
     let [down, across] = varied(records)[..] else { return None };
     let columns = values(records, across);
@@ -274,7 +274,7 @@ impl<'r> Summary<'r> {
     }
 }
 
-/// Settings of a run, named as their flags, and its results.
+/// Settings and results of a run. Each setting has the name of its command-line flag.
 #[derive(Debug)]
 pub struct RunSummary<'r>(&'r Record);
 

@@ -1,8 +1,8 @@
 //! MP4 videos, encoded by an installed `ffmpeg`.
 //!
 //! Frames go to ffmpeg's standard input as raw RGB. The encoder is H.264 at CRF 16, or mpeg4 if ffmpeg has no libx264.
-//! Chroma is 4:2:0, the only format that all players show. The file names its BT.709 matrix, which players otherwise
-//! guess from the picture's size.
+//! Chroma is 4:2:0, the only format that all players show. The file states that its colour matrix is BT.709; without
+//! this entry, players guess the matrix from the picture's size.
 
 use super::animation::{NO_FRAMES, check_rate, check_size};
 use crate::data::pictures::rgb::{Picture, wrong_size};
@@ -201,7 +201,7 @@ impl Mp4Writer {
         self.file.as_ref().map_or_else(PathBuf::new, |file| file.path().to_owned())
     }
 
-    /// Kills an ffmpeg that has failed, and returns an error with its last messages.
+    /// Waits [`LAST_WORDS`] for a failed ffmpeg to exit, else kills it. Returns an error with ffmpeg's last messages.
     fn failure(&mut self) -> anyhow::Error {
         drop(self.stdin.take());
         let status = self.helper.wait(LAST_WORDS).or_else(|| self.helper.kill());

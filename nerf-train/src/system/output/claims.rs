@@ -96,8 +96,8 @@ pub fn is_device(path: &Path) -> bool {
 }
 
 impl Claims {
-    /// Adds the input `path`, if given: a file, or a folder with all its contents. `what`: its name in errors. A
-    /// missing file is ignored: reading it reports the error.
+    /// Adds the input `path`, if given: a file, or a folder with all its contents. `what`: description of the input
+    /// for errors. A missing file is ignored here; the command fails when it reads the file.
     pub fn reads<'p, P: AsRef<Path> + ?Sized + 'p>(
         mut self,
         what: &str,

@@ -9,7 +9,7 @@ use std::path::Path;
 
 pub const MARK: &str = "made by nerf-train";
 
-/// Number of bytes searched for the mark, from the start of a file, where an MP4 has its index with the mark.
+/// Number of bytes searched for the mark, from the start of a file. An MP4 has its index, with the mark, at the start.
 const SEARCHED_BYTES: u64 = 16 << 20;
 
 pub fn was_made_here(path: &Path) -> bool {

@@ -19,10 +19,10 @@ pub use silhouette::is_foreground;
 
 /// Least fraction of candidates that an update may leave occupied. A network without density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// Divisor of the largest number of views that see a cell. The quotient, rounded up, is the least number that must see
-/// a cell of the hull. This excludes space behind the scene, which few cameras see.
+/// Divisor for the least number of views that must see a cell of the hull. The dividend is the number of views that see
+/// the most visible cell; the quotient is rounded up. This excludes space behind the scene, which few cameras see.
 const SEEN_SHARE: u32 = 4;
-/// Limit of the work for a final update with eight points per cell, multiply-adds; beyond it, one point is evaluated.
+/// Limit on the multiply-adds of a final update with eight points per cell. Above the limit, one point is evaluated.
 const SETTLE_MACS: usize = 300_000_000_000;
 /// Least compositing weight with which a training sample marks its cell as visible.
 const MARKED_WEIGHT: f32 = 3e-3;
@@ -277,9 +277,9 @@ impl Occupancy {
         }
     }
 
-    /// Evaluates the density in at most `cells` candidate cells, each at one random point, and, if `drop`, empties
-    /// those of density below `threshold`, 1/world unit. Successive calls go on to other candidates. A cell stores the
-    /// larger of the new density and `decay` times the stored one.
+    /// Evaluates the density in at most `cells` candidate cells, each at one random point; successive calls evaluate
+    /// other cells. A cell stores the larger of the new density and `decay` times the stored one. If `drop`, empties
+    /// all candidates evaluated so far whose stored density is below `threshold`, 1/world unit.
     pub fn refresh(&mut self, ask: &DensityQuery<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
         let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
@@ -304,7 +304,7 @@ impl Occupancy {
     }
 
     /// Occupancy grid of a finished network, `resolution` cells along the longest side, evaluated as in
-    /// [`Self::settle`]. Unlike there, the result is used even if hardly any cell stays occupied.
+    /// [`Self::settle`]. Unlike `settle`, uses the result even if hardly any cell stays occupied.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);

@@ -165,8 +165,8 @@ impl Op for March<'_> {
     }
 }
 
-/// Ray march of an unbounded scene; see [`March`]. `ray`: moved by [`Contraction::centred`]; `start`: distance from the
-/// camera to its origin, world units. `first`, `step`: in units of the position `s` in [`Contraction::distance`].
+/// Ray march of an unbounded scene; see [`March`]. `ray`: moved by [`Contraction::centred`]. `start`: world-space
+/// distance from the camera to the origin of `ray`. `first`, `step`: in units of `s` in [`Contraction::distance`].
 ///
 /// Contracted points are appended to `samples`, with step lengths in world units. The factor for a sample's gradient is
 /// the squared distance from the camera, in radii of the uncontracted ball, and at most 1. Without it, the many rays

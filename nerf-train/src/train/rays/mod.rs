@@ -190,8 +190,8 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), self.bins.delta());
     }
 
-    /// Fills `batch` with the `rays` rays of step `step`, marched through the whole scene box whatever the near and far
-    /// planes. Samples in occupied cells are `width` world units apart. Returns the time, summed over threads.
+    /// Fills `batch` with the `rays` rays of step `step`. Samples are points in occupied cells, in steps of `width`
+    /// world units. In a bounded scene, near and far planes are ignored. Returns the time, summed over threads.
     pub fn fill_marched(
         &self,
         isa: Isa,
@@ -225,7 +225,7 @@ impl<'d> RayBank<'d> {
         time
     }
 
-    /// [`Self::fill_marched`] for an unbounded scene. `width`: length of a step, radii of the uncontracted ball.
+    /// [`Self::fill_marched`] for an unbounded scene, from near to far. `width`: step, radii of the uncontracted ball.
     fn fill_contracted(
         &self,
         isa: Isa,
@@ -351,7 +351,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Rays `range` of a step of `rays` rays: index, indices of view and pixel, ray, and batch entry without samples.
+    /// Iterates over rays `range` of a step's `rays` rays: index, (view, pixel) indices, ray, batch entry.
     fn targets(
         &self,
         step: u64,

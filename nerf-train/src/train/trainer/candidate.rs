@@ -36,9 +36,9 @@ pub struct About<'a> {
 }
 
 impl Candidate {
-    /// Copies the present state of the run. `settle`: whether cells are evaluated a last time and, in an unbounded
-    /// scene, emptied if no sample had enough weight. With a learned feature grid, this is needed only at the end of a
-    /// run. Without one, cells are always evaluated.
+    /// Copies the present state of the run. If `settle`, evaluates the cells a last time and, in an unbounded scene,
+    /// empties cells in which no sample had enough weight; needed only at the end of a run. Without a learned feature
+    /// grid, evaluates the cells in any case.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let averaged = trainer.state.average.values().map(Cow::Borrowed);
         let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());

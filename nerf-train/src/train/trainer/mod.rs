@@ -21,12 +21,12 @@ use std::time::{Duration, Instant};
 
 /// Number of consecutive steps without gradients, usually with every density 0, after which a run restarts.
 const DEAD_STEPS: u32 = 100;
-/// Largest number of occupancy updates that evaluate every candidate cell once, if the field has a learned grid.
+/// Largest number of occupancy updates until every candidate cell has been evaluated, if the field has a learned grid.
 const REFRESHES: usize = 24;
-/// Growth of the ray march's steps in an unbounded scene: length at the start, as a multiple of the final length, and
-/// fraction of the run after which the final length is reached. Steps start long, since at first most is fog.
+/// Step length of the ray march in an unbounded scene: length at the start, as a multiple of the final length, and
+/// fraction of the run after which the final length is reached. Steps are long at first, as densities are diffuse.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
-/// Growth of the ray march's steps in a bounded scene; the two numbers are as in [`UNBOUNDED_GROWTH`].
+/// Step length of the ray march in a bounded scene; the two numbers are as in [`UNBOUNDED_GROWTH`].
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
 /// Number of stages in which the march's steps are shortened to their final length.
 const STAGES: f64 = 8.0;

@@ -8,8 +8,8 @@ use glam::{DMat3, DQuat, DVec3};
 /// device, a column per coordinate of the point. A device has fewer parameters than a pose: its last rows are 0.
 type Block = [DVec3; POSE];
 
-/// Derivatives of a residual with respect to one pose or device: index of its first parameter among all unknowns, then
-/// the derivatives of the residual's x and y.
+/// Derivatives of a residual with respect to the parameters of one pose or device: index of the first parameter among
+/// all unknowns, then the derivatives of the residual's x and y.
 type Rows = (usize, [[f64; POSE]; 2]);
 
 /// Normal equations of all poses and devices, with the points eliminated. `matrix` is `size` × `size`, row by row; only

@@ -139,8 +139,8 @@ impl Bundle {
         self.errors().iter().map(|e| 2.0 * SOFT_PIXELS * (SOFT_PIXELS.hypot(*e) - SOFT_PIXELS)).sum()
     }
 
-    /// Moves each camera along its optical axis, so that a changed focal length keeps the size of points at its median
-    /// depth. `own`: focal length of each photograph before the change, pixels.
+    /// Moves each camera along its optical axis after a change of focal length. Objects at the median depth of the
+    /// camera's points keep their size in the photograph. `own`: previous focal length of each photograph, pixels.
     pub(crate) fn dolly(&mut self, own: &[f64]) {
         let depths = self.depths();
         for ((photograph, own), depth) in self.photographs.iter_mut().zip(own).zip(depths) {

@@ -103,7 +103,7 @@ impl Camera {
         (self.width as f64, self.height as f64)
     }
 
-    /// Intrinsics and lens of the camera. `file`, `view`: name the photograph in errors.
+    /// Intrinsics and lens of the camera. Errors name `file` and the photograph `view`.
     pub(crate) fn optics(&self, file: &Path, view: &str) -> Result<Optics, DatasetError> {
         let place = || format!("photograph `{view}`");
         let lens = self.kind.lens.ok_or_else(|| {

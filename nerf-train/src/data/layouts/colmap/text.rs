@@ -67,7 +67,7 @@ impl Lines {
         Ok(None)
     }
 
-    /// Parses the next word of a line as a number. A missing or malformed word is an error, which calls it `field`.
+    /// Parses the next word of a line as a number. `field`: name of the number in the error for a bad or missing word.
     fn number<'w, T: std::str::FromStr>(
         &self,
         words: &mut impl Iterator<Item = &'w str>,

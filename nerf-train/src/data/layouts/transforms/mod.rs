@@ -15,8 +15,8 @@ use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A `transforms*.json` file. Its text is parsed three times, once for each struct: one struct with serde's `flatten`
-/// would not know the line of an error.
+/// A `transforms*.json` file. `Header`, `FrameCameras` and the `shared` camera fields are each parsed from the whole
+/// text: a single struct with serde's `flatten` would lose the line number of an error.
 pub(crate) struct Transforms {
     pub(crate) header: Header,
     /// Frames in the file's order, each with its own camera fields.
@@ -48,7 +48,7 @@ struct FrameCameras {
     frames: Vec<CameraFields>,
 }
 
-/// Fields of a json that describe a camera: those of the whole file, or of one frame.
+/// Fields of a json that describe a camera, either for the whole file or for one frame.
 #[derive(Deserialize)]
 struct CameraFields {
     camera_model: Option<String>,
@@ -71,8 +71,8 @@ struct CameraFields {
     p2: Option<f64>,
 }
 
-/// Values of `camera_model` for lenses without fisheye distortion. If the json sets `is_fisheye`, this field overrides
-/// the model: the coefficients are fisheye coefficients.
+/// Values of `camera_model` for lenses without fisheye distortion. If the json's `is_fisheye` is true, a lens with one
+/// of these values nevertheless has fisheye coefficients.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
 /// The coefficient k4 of a polynomial lens is dropped if it shifts the picture's farthest corner by at most this,

@@ -2,8 +2,8 @@
 //!
 //! Adam costs as much for a small gradient as for a large one, and the hashed levels have most of a grid's entries. To
 //! save time, a hashed level is updated only at every `hashed_every`th step, by the sum of its gradients since the last
-//! update. Adam is invariant to the gradients' scale: their mean would give the same step. Dense levels are updated at
-//! every step.
+//! update. Since Adam is invariant to the scale of gradients, the mean gradient would give the same step. Dense levels
+//! are updated at every step.
 //!
 //! Weight decay is decoupled (Loshchilov & Hutter 2019) and applies to the colour branch alone, which would otherwise
 //! overfit the directions of the photographs.

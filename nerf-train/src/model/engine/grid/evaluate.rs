@@ -52,7 +52,7 @@ impl Evaluated {
         Self { hidden: vec![Vec::new(); trunk], ..Self::default() }
     }
 
-    /// Evaluates sigma at the samples of `rays`, wave by wave. `first`: index in the batch of their first sample.
+    /// Evaluates sigma at the samples of `rays`, wave by wave. `first`: index in the batch of the rays' first sample.
     pub fn densities(
         &mut self,
         job: &Job<'_>,

@@ -14,14 +14,14 @@ pub(super) struct KeptSamples {
     pub inverse: Vec<f32>,
     /// For each kept sample: transmittance through the samples in front of it that are not kept.
     pub front: Vec<f32>,
-    /// For each ray: transmittance through all its samples that are not kept.
+    /// For each ray: transmittance through its samples that are not kept, up to where the ray ends.
     pub unkept: Vec<f32>,
 }
 
 impl KeptSamples {
-    /// Keeps the samples of compositing weight above `GATE` or, with `roulette`, above `ROULETTE_WEIGHT`. With
-    /// `roulette` (seed and step), also keeps some other samples at random. A ray ends when its transmittance is below
-    /// `T_MIN`. `depths`: optical depth of each sample; `first`: index in the batch of the first sample.
+    /// Keeps samples by compositing weight. Without `roulette`: all above `GATE`. With `roulette` (seed and step): all
+    /// above `ROULETTE_WEIGHT`, and a random choice of the others. A ray ends when its transmittance is below `T_MIN`.
+    /// `depths`: optical depth of each sample; `first`: index in the batch of the first sample.
     pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
         let (mut counts, mut unkept) = (Vec::new(), Vec::new());
@@ -55,7 +55,7 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// Returns each kept sample's distance from its ray's first one, along the polyline through the kept `positions`.
+    /// Returns each kept sample's distance from the ray's first kept sample, along the polyline through `positions`.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

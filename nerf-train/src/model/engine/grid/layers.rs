@@ -25,7 +25,7 @@ impl Product {
         Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
     }
 
-    /// Copies columns of `weights`, `[outputs][row]`, from column `first` on. `row`: number of main and extra inputs.
+    /// Copies columns `first..first + inputs` of `weights`, `[outputs][row]`. `row`: number of main and extra inputs.
     fn load(&mut self, weights: &[f32], row: usize, first: usize) {
         let (across, back) = (padded(self.outputs), padded(self.inputs));
         for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {

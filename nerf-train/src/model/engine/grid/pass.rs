@@ -150,7 +150,7 @@ impl Scratch {
         }
     }
 
-    /// Returns the sum of squared errors. Sets `by_shown`, `by_transmittance` and, without colour terms, `by_weight`.
+    /// Returns the sum of squared errors. Sets `by_shown`, `by_transmittance` and, from all other losses, `by_weight`.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         let read = (&self.evaluated, &self.samples);
@@ -245,8 +245,8 @@ impl Scratch {
     }
 }
 
-/// Adds the gradient of a ray's depth loss with respect to its samples' weights to `by_weight`. Returns its gradient
-/// with respect to the transmittance after the last sample. `index`, `ray`: the ray's index in the batch, in the chunk.
+/// Adds dL/dw of the depth loss L of a ray to `by_weight`. Returns dL/dT for the transmittance T after the last sample.
+/// `index`: index of the ray in the batch; `ray`: index of the ray in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,
@@ -291,7 +291,7 @@ fn raw_densities(
     }
 }
 
-/// Returns a channel's error, `shown − rgb`. With a gain, 0 if `rgb` is clipped at white and `shown` is beyond white.
+/// Returns a channel's error `shown − rgb`; with a gain other than 1, 0 if `rgb` is clipped at white and `shown` above.
 fn clipped_error(shown: f32, rgb: f32, gain: f32) -> f32 {
     if gain != 1.0 && rgb >= CLIPPED && shown > 1.0 { 0.0 } else { shown - rgb }
 }

@@ -72,19 +72,19 @@ impl RayScratch {
     }
 }
 
-/// Writes dL/dw of the distortion loss for each sample of a ray to `gradient`. The loss concentrates the weights along
-/// a ray, against fog and against surfaces in several places.
+/// Writes dL/dw of the distortion loss for each sample of a ray to `gradient`. The loss is small if the weights are
+/// concentrated in one place on the ray; fog and several surfaces on one ray increase it.
 ///
 /// ```text
 /// L = Σ_ij w_i w_j |s_i − s_j|     s: distance along the samples, in the space that the grid spans
 /// dL/dw_i = 2 Σ_j w_j |s_i − s_j|
 /// ```
 ///
-/// `weights`, `gaps`: `[samples]`, front to back: each sample's weight, and its distance from the sample before (for
-/// the first: any finite number). `gradient`: `[samples]`.
+/// All slices are `[samples]`, front to back. `weights`: weight of each sample. `gaps`: distance of each sample from
+/// the sample before it; for the first sample, any finite number.
 ///
 /// # Source
-/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: no term of an interval's own width, as widths are given.
+/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: without the term 1/3 Σ w_i² δ_i, as widths δ_i are given.
 pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut [f32]) {
     // Two sums over the samples in front: of weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);

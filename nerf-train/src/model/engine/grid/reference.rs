@@ -228,7 +228,7 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Does an Adam step for layers and levels that this step updates; accumulates the other levels' gradients.
+    /// Applies Adam to all layers, and to each level whose turn is this step; accumulates the other levels' gradients.
     fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);

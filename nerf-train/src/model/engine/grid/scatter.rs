@@ -118,8 +118,8 @@ pub(super) struct LevelScratch {
     pub phases: Phases,
 }
 
-/// Buffers of [`GridCorners`] for a block of samples. A row is a pair of cell corners that are neighbours in x. In
-/// order: table entry and weight of each row, `[rows][BLOCK]`; weight of the corner at the larger x, `[BLOCK]`.
+/// Buffers for the fields of [`GridCorners`], for a block of samples: `entry`, `[rows][BLOCK]`; `weight`,
+/// `[rows][BLOCK]`; and `x`, `[BLOCK]`. A row is a pair of cell corners that are neighbours in x.
 type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {
@@ -129,7 +129,7 @@ impl LevelScratch {
         Self { sum: LevelSum::new(most), corners, phases: Phases::default() }
     }
 
-    /// Adds all kept samples' gradients to a level's gradient, in order; applies Adam if the step updates the level.
+    /// Adds the kept samples' gradients, in order, to a level's gradient. Applies Adam if the step updates the level.
     pub fn step<'k>(
         &mut self,
         isa: Isa,
@@ -186,7 +186,7 @@ impl LevelSum {
     }
 }
 
-/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to those of the entries that they read.
+/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to the gradients of the entries in `entry`.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],

@@ -1,19 +1,19 @@
-//! Smoothness loss: draws the disparities along lines of pixels of similar colour towards those of a plane.
+//! Smoothness loss: along lines of pixels of similar colour, penalises disparities that differ from those of a plane.
 //!
-//! Disparity is 1 / distance along a ray, in inverse radii of the uncontracted ball. Where rays from one camera meet a plane,
-//! disparity is linear in the ray's direction. Directions of three rays whose pixels lie on a line satisfy
-//! `a dir_0 − b dir_1 + c dir_2 = 0`; on a plane, so do their disparities. Over every three neighbours on each line:
+//! Disparity is 1 / distance along a ray, in inverse radii of the uncontracted ball. The directions of three rays from
+//! one camera whose pixels lie on a line satisfy `a dir_0 − b dir_1 + c dir_2 = 0`. If the rays meet a plane, disparity
+//! is linear in the direction, so `a D_0 − b D_1 + c D_2 = 0`. The loss sums over every three neighbours on each line:
 //!
 //! ```text
-//! L = Σ exp(−20 e) (√(r² + 0.01²) − 0.01)   e: largest difference in any channel between neighbours among the pixels
+//! L = Σ exp(−20 e) (√(r² + 0.01²) − 0.01)   e: largest difference of two neighbouring pixels in a channel
 //! r = 2 (a D_0 − b D_1 + c D_2) / b         0 on a plane
 //! a = |dir_1 × dir_2|, b = |dir_0 × dir_2|, c = |dir_0 × dir_1|
-//! D_k = Σ_i w_i d_i                         disparity of ray k, from its samples' compositing weights w, disparities d
+//! D_k = Σ_i w_i d_i                         disparity of ray k; sample i has compositing weight w_i, disparity d_i
 //! ```
 //!
 //! # Source
-//! Godard, Mac Aodha and Brostow 2017 (weights by colour), Niemeyer et al. 2022 (RegNeRF). Deviation: second differences, since
-//! the first differences of a tilted plane are not 0.
+//! Godard, Mac Aodha and Brostow 2017 (weights by colour), Niemeyer et al. 2022 (RegNeRF). Deviation: second
+//! differences, since the first differences of a tilted plane are not 0.
 
 use super::evaluate::Evaluated;
 use super::samples::Samples;
@@ -64,8 +64,8 @@ pub(super) fn disparity(batch: &Batch, contraction: &Contraction, ray: usize, sa
     (distance / contraction.radius()).max(NEAREST).recip()
 }
 
-/// Adds the gradient of the smoothness loss with respect to each kept sample's weight to `by_weight`. `rays`: the chunk's rays
-/// in the batch; they hold whole lines.
+/// Adds the gradient of the smoothness loss with respect to each kept sample's weight to `by_weight`.
+/// `rays`: range of the chunk's rays in the batch, which holds whole lines.
 pub(super) fn add_gradient(
     batch: &Batch,
     rays: Range<usize>,

@@ -92,7 +92,7 @@ pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut 
     }
 }
 
-/// Copies the start of `from` to `to`, a multiple of [`VECTOR`] values; inline, as a call would take longer.
+/// Fills `to`, whose length is a multiple of [`VECTOR`], from the start of `from`; inline, as a call would take longer.
 pub(super) fn copy_row(from: &[f32], to: &mut [f32]) {
     for (to, from) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
         *to = *from;

@@ -21,7 +21,7 @@ pub(super) fn markdown(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>) -
     text
 }
 
-/// Writes data, machine, and the largest speed-ups at a PSNR loss of at most `SPAN_LOSS_DB`, as paragraphs by `line`.
+/// Passes paragraphs to `line`: data, machine, and the largest speed-ups at a PSNR loss of at most `SPAN_LOSS_DB`.
 fn head(findings: &Findings<'_, '_, '_>, setting: &Setting<'_>, line: Line<'_>) {
     let study = findings.study;
     line(format_args!(

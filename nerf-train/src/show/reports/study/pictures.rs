@@ -7,7 +7,7 @@ use crate::show::colour_map::{ColourMap, with_legend};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use std::path::Path;
 
-/// Largest difference of a colour channel, 0 to 1, that the colour map distinguishes: its bright end.
+/// Difference of a colour channel, 0 to 1, at the bright end of the colour map.
 const BRIGHTEST: f32 = 0.25;
 
 /// Writes pictures of the first view that the study timed: `ends.png`, and a file for each picture of a difference.

@@ -41,8 +41,8 @@ pub(super) struct Adjusted {
     pub(super) focal: f64,
 }
 
-/// Rotates `origin` into a camera's axes; the quaternion (w, x, y, z) is the camera's world-to-camera rotation. The
-/// translation for coordinates relative to `origin` is the old world-to-camera translation plus this vector.
+/// Returns `origin` rotated into a camera's axes by the camera's world-to-camera rotation (w, x, y, z). Added to the
+/// world-to-camera translation, the result gives the translation for coordinates relative to `origin`.
 pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
     DQuat::from_xyzw(x, y, z, w).normalize() * origin
 }

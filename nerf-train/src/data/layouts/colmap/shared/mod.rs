@@ -15,7 +15,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Largest number of photographs that are adjusted. The time grows with its cube; at the limit it is half a minute.
+/// Maximum number of photographs to adjust. Time grows with the cube of the number: half a minute at the maximum.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
 const MAX_GROWTH: f64 = 1.25;
@@ -25,7 +25,7 @@ const SQUARE: f64 = 0.02;
 const VERSION: u64 = 1;
 
 /// Adjusts a reconstruction to one camera per device, adds a note to `found`, and returns true. Returns false if no
-/// device has several cameras to merge or, with a warning, if they cannot be merged. `file`: named in errors.
+/// device has several cameras to merge or, with a warning, if the cameras cannot be merged. `file`: named in errors.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,

@@ -124,7 +124,7 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// Returns the table index, over all levels, and trilinear weight of each cell corner around `unit`, 0 to 1.
+/// Returns entry index, over all levels, and trilinear weight of each corner of the cell around `unit`, in [0, 1]³.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;

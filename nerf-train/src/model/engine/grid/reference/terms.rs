@@ -43,8 +43,8 @@ pub(super) fn surfaces(
     Ok(front.try_add(transmittance.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
 }
 
-/// Returns the smoothness loss ([`super::super::smoothness`]) of the lines among the rays `indices`, recorded on a new tape.
-/// `None`: there are no lines.
+/// Returns the smoothness loss ([`super::super::smoothness`]) of the lines among the rays `indices`, recorded on a new
+/// tape; `None` if there are no lines.
 pub(super) fn smoothness(
     rows: &Rows,
     batch: &Batch,
