@@ -51,7 +51,7 @@ template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
 /// Whether a view may refer to the elements of an argument of deduced type C &&. False for a temporary container, which
-/// frees its elements. Containers of const elements, such as std::initializer_list, are not recognised.
+/// frees its elements. Wrongly true for a temporary container of const elements, such as a std::initializer_list.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -282,8 +282,8 @@ struct moved {
     }
 };
 
-/// Deleter of a std::unique_ptr: calls `end`, which by default does nothing, since lent memory is not freed. Only
-/// allocated memory has an `end` that frees: a program that only lends memory links no functions of the heap.
+/// Deleter of a std::unique_ptr: calls `end`. The default `end` does nothing, since lent memory is not freed. Functions
+/// that allocate set an `end` that frees the memory, so a program that calls none of these links no heap functions.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -292,10 +292,10 @@ struct ending {
     void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-/// Type of a callback argument that was left out: no progress callback, or the library's own clock.
+/// Type of an omitted callback argument. Omitted progress: nothing is called. Omitted clock: the library's own is used.
 struct none {};
 
-/// A nerf_progress that calls a C++ callable; noexcept, for C. `user`: address of a pointer to the callable.
+/// A nerf_progress that calls a C++ callable; noexcept since C calls it. `user`: address of a pointer to the callable.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -343,7 +343,7 @@ public:
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Lends the memory of the caller's container, which must not move while in use. This object never frees it.
+    /// Makes an object that uses, but never frees, the memory of a container. The container must not move while in use.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -392,8 +392,8 @@ inline float to_float(float number) noexcept { return number; }
 template <class N>
 float to_float(N number) noexcept { return static_cast<float>(number); }
 
-/// Converts a host's vector by its fields x, y, z. A vector without these fields is converted by the overload below, by
-/// its elements 0, 1, 2. The second parameter only ranks the two overloads: callers pass 0, which prefers int to long.
+/// Converts a host's vector to a vec3 from fields x, y, z. For a vector without these fields, the overload below reads
+/// elements 0, 1, 2. Callers pass 0, an int, as the second argument, so that this overload is preferred if it compiles.
 template <class V>
 auto to_vec3(const V &of, int) noexcept -> decltype(of.x + of.z, vec3()) {
     return {to_float(of.x), to_float(of.y), to_float(of.z)};
@@ -469,9 +469,9 @@ struct camera : detail::sized<nerf_camera> {
         return *this;
     }
 
-    /// Places the camera on a sphere around `target`, looking at `target`. `azimuth`: angle around `up`, radians,
-    /// counterclockwise if seen from the tip of `up`; 0 is +x if `up` is +z, else the first vector of
-    /// detail::across(up). `elevation`: angle above the plane normal to `up`, radians. `up`: any unit vector.
+    /// Places the camera on a sphere around `target`, looking at `target`. `azimuth`: angle around the unit vector
+    /// `up`, radians, counterclockwise if seen from the tip of `up`. Azimuth 0 is the direction of the first vector of
+    /// detail::across(up): +x if `up` is +z. `elevation`: angle above the plane normal to `up`, radians.
     camera &orbit(vec3 target, float radius, float azimuth, float elevation,
                   vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto [side, ahead] = detail::across(up);
@@ -479,7 +479,7 @@ struct camera : detail::sized<nerf_camera> {
         return look_at(target + radius * (std::cos(elevation) * flat + std::sin(elevation) * up), target, up);
     }
 
-    /// Computes the ray through an image point, pixels from the left and the top; a pixel's centre is at + 0.5.
+    /// Computes the ray through image point (x, y), pixels: (0, 0) is the top left corner, (0.5, 0.5) a pixel's centre.
     result<nerf::ray> ray(float x, float y) const noexcept {
         return detail::checked(nerf::ray(), [&](nerf::ray &to, char *message, std::size_t capacity) {
             return nerf_camera_ray(this, x, y, &to.origin.x, &to.dir.x, &to.z_per_distance, message, capacity);
@@ -592,7 +592,7 @@ private:
     bool there_ = false;
 };
 
-/// Planes for an image, or for its part `window`; any rectangle inside `window` can be rendered. For rays: one row.
+/// Planes for an image or its part `window`, any rectangle of which can be rendered. Planes for rays have one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
     /// Inputs, at most one of the two: distance at which each pixel's ray ends. nerf::z_depth converts depth buffers.
@@ -717,7 +717,7 @@ public:
         return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
 
-    /// Opens a scene in memory lent or handed over. `blob`: the scene file's bytes, unchanged while the scene is used.
+    /// Opens a scene in the memory `home`, lent or owned. `blob`: the scene file's bytes; must not change while in use.
     static result<scene> open(bytes blob, memory home, const open_options &how = {}) noexcept {
         scene opened;
         opened.home_ = std::move(home);
@@ -729,7 +729,7 @@ public:
         });
     }
 
-    /// Opens a scene in memory from the heap. `blob`: the scene file's bytes, unchanged while the scene is used.
+    /// Opens a scene in memory from the heap. `blob`: the scene file's bytes; must not change while the scene is used.
     static result<scene> open(bytes blob, const open_options &how = {}) noexcept {
         result<memory> home = memory::allocate(memory_layout(blob, how));
         return home ? open(blob, std::move(*home), how) : result<scene>(home.error());
@@ -758,7 +758,7 @@ public:
     const nerf_scene_info &info() const noexcept { return info_.value; }
     bool is_picture() const noexcept { return info().kind == NERF_KIND_PICTURE; }
 
-    /// Whether the scene file has a default viewpoint, which lies among the cameras of the photographs.
+    /// Whether the scene file has a default viewpoint: the position of one of the cameras of the photographs.
     bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
     // Default orbit, as in camera::orbit, through the viewpoint. Without a viewpoint the orbit is around the middle of
@@ -788,7 +788,7 @@ public:
     }
 
     /// Opens a worker of this scene in memory from the heap; each thread needs a worker of its own. `outputs`:
-    /// NERF_OUTPUT_* of the targets to render into, or-ed. For queries: NERF_OUTPUT_RGB, or 0 without colours.
+    /// NERF_OUTPUT_* flags of the planes to render, or-ed. For queries: NERF_OUTPUT_RGB if colours are wanted, else 0.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
     /// Opens a worker of this scene in memory that the caller lends or hands over.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
@@ -825,8 +825,8 @@ public:
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
     }
-    /// Measures the time of a frame on this thread for each point of the Pareto front, until a time exceeds `limit`,
-    /// milliseconds. `clock`: returns microseconds since any fixed moment; by default, the library's own clock.
+    /// Measures the time of a frame on this thread for each point (quality settings) of the Pareto front, until a time
+    /// exceeds `limit`, milliseconds. `clock`: returns microseconds since any fixed moment; default: the library's own.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -883,7 +883,7 @@ struct instance : detail::sized<nerf_instance> {
     }
 };
 
-/// Host's own rays; an empty view means NULL in C. With designated initialisers (C++20): `{.origins = a, .dirs = b}`.
+/// Host's own rays. An empty view is passed to C as NULL. Example (C++20): `{.origins = a, .dirs = b}`.
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {}, random = {};
@@ -899,8 +899,8 @@ struct pixel {
 };
 static_assert(offsetof(pixel, opacity) == 3 * sizeof(float));
 
-/// Scene, options, outputs and memory, set up once for any number of calls. Each thread needs a worker of its own.
-/// Movable; the scene must not move while the worker is used.
+/// A renderer: scene, options, outputs and memory, set up once for any number of calls. Each thread needs a worker of
+/// its own. Movable; the scene must not move while the worker is used.
 class worker {
 public:
     worker() noexcept = default;
@@ -981,8 +981,8 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Writes an English report of this worker's frames to `text`, cut to fit: which stages run, and why others do not.
-    /// `work`: a frame's counters, to report cost by stage; or null. Returns the uncut length with its NUL, bytes.
+    /// Writes an English report to `text`, cut to fit: which stages of this worker's frames run, and why others do not.
+    /// `work`: a frame's counters, to report cost by stage; or null. Returns the uncut report's length with NUL, bytes.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }

@@ -1,7 +1,7 @@
-//! Methods of types that are uninhabited (enums without variants) in a build without their feature.
+//! Macro for a type whose feature is off in this build: an enum without variants (uninhabited), which has no values.
 
 /// Declares the methods of an uninhabited type (an enum without variants) from signatures alone. The methods are never
-/// called, since no `self` exists.
+/// called, since the type has no values.
 macro_rules! absent {
     ($($(#[$about:meta])* $visibility:vis fn $name:ident $(<$V:ident: $Bound:ident>)?(&self $(, $argument:ty)*) -> $result:ty;)+) => {$(
         $(#[$about])*

@@ -33,7 +33,7 @@ macro_rules! errors {
 }
 pub(crate) use errors;
 
-/// Macro with a condition and an error. If the condition is false, the calling function returns the error.
+/// If the condition `$holds` is false, returns `Err($error)` from the function in which the macro is used.
 macro_rules! ensure {
     ($holds:expr, $error:expr) => {{
         let holds: bool = $holds;

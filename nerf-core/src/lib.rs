@@ -12,13 +12,13 @@
 //!
 //! # The pipeline
 //!
-//! The stages are, in order: camera, ray, samples, encoding, trunk, density, weights, colour, pixel. The colour branch
-//! is not evaluated for samples of low weight. `docs/architecture.md` draws the pipeline.
+//! The stages are, in order: camera, ray, samples, encoding, trunk, density, compositing weights, colour, pixel. The
+//! colour branch is not evaluated for samples of low compositing weight. `docs/architecture.md` draws the pipeline.
 //!
 //! The modules follow the data flow, and each uses only modules before it in this list. [`memory`], `simd`, `math` and
 //! `matrix` are the basis. [`camera`] makes rays, [`space`] bounds the scene, `sampling` places samples on rays,
-//! [`encoding`] and [`network`] evaluate samples, [`volume`] composites. [`blob`] is the file, [`plan`] decides which
-//! parts of the file a frame needs, [`render`] executes the plan, and [`host`] adds files and threads.
+//! [`encoding`] and [`network`] evaluate samples, [`volume`] composites them. [`blob`] is the file format, [`plan`]
+//! decides which parts of a file a frame needs, [`render`] executes the plan, and [`host`] adds files and threads.
 //!
 //! # Conventions
 //!
@@ -32,17 +32,17 @@
 //! | `z_depth` | `ray_distance` times the cosine between ray and view axis |
 //! | `median_distance` | first `t` at which the transmittance is below one half, else `far` |
 //! | `normal` | weighted mean of −∇sigma/\|∇sigma\|, world space, scaled to unit length: points towards lower density |
-//! | no surface | if `opacity <=` [`volume::OPACITY_EPSILON`], both mean distances are `far` and the normal is 0 |
+//! | no surface | if `opacity <=` [`volume::OPACITY_EPSILON`], `ray_distance` and `z_depth` are `far`, and the normal is 0 |
 //! | `sigma` | density, `>= 0`, per world unit |
 //! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
 //! | `weights`, `opacity` | a weight is `transmittance · alpha`; the opacity is the sum of the weights, `<= 1` |
 //! | samples | only on the part of a ray inside the scene box, for any camera position |
 //! | samples, scene with a step | at equal steps, from the point where the ray enters the box |
-//! | samples, scene with n bins | one in each bin; bins have the width (far − near) / n, one begins at near, and together they cover all of the ray inside the box (with a proposal network: near to far alone) |
+//! | samples, scene with n bins | one in each bin of width (far − near) / n. One bin begins at near, and the bins cover all of the ray inside the box. With a proposal network, the bins cover only near to far |
 //! | samples, unbounded scene | from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
-//! | `far` | distance of pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far, or the camera's distance from the farthest corner of the box if larger. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
-//! | last bin | of finite length: in a march, the last bin ends where the ray leaves the box |
+//! | `far` | distance that is output for pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far or, if larger, the camera's distance from the farthest corner of the box. With bins that cover only near to far: the scene's far. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
+//! | last bin | of finite length; in a scene with a step, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, each from 0 to 1 over the image, for any aspect ratio; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
 //! | sinusoidal encoding | the inputs themselves (optional); then, for each level `k`, `sin(2^k s x)` of every input, followed by `cos(2^k s x)` of every input; `s` is π or 1 |
@@ -55,20 +55,20 @@
 //! | feature | default | adds |
 //! | --- | --- | --- |
 //! | `libm` | yes | `MathBackend::Libm` |
-//! | `micromath` | yes | `MathBackend::Micromath`: small and rough |
+//! | `micromath` | yes | `MathBackend::Micromath`: little code, low accuracy |
 //! | `jitter` | yes | [`plan::Jitter`]: samples at random positions in their bins |
 //! | `anti-aliasing` | yes | several rays per pixel |
 //! | `depth-of-field` | yes | [`plan::ThinLens`]: an aperture of finite size |
 //! | `tone-map` | yes | [`plan::Tone`]: exposure, tone curve, linear output |
 //! | `lens` | yes | lens distortion ([`Lens`]) |
 //! | `median` | yes | the output `median_distance` |
-//! | `normals` | yes | the output `normals`: the gradient of the density, backward through the network |
+//! | `normals` | yes | the output `normals`, from the gradient of the density: a backward pass through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, if the scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
 //! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables directly from the file's bytes |
 //! | `contraction` | yes | unbounded scenes ([`space::Contraction`]) |
-//! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); brings `median` and `normals` |
-//! | `std` | yes | [`host`]: scenes that own their bytes, files, threads |
+//! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); also enables `median` and `normals` |
+//! | `std` | yes | [`host`]: scenes that own their bytes; reading of files; rendering on several threads |
 //! | `train` | no | for trainers and tests: makes the parts of a renderer public (`simd`, `math`, `matrix`, `sampling`, evaluation of networks and encodings), and adds backward kernels |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always built in. An effect or output whose feature

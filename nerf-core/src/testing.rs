@@ -40,8 +40,8 @@ pub fn every_kind() -> Architecture {
     architecture(pi(3, 4), Some(pi(3, 2)), &[(24, false), (20, false), (17, true)], &[12, 9])
 }
 
-/// Error bound for tests with `kernel`: `exact`, or at least 0.01 if the kernel rounds weights and activations to bf16
-/// (8 significant bits).
+/// Error bound for tests with `kernel`: the larger of `exact` and 0.01 if the kernel rounds weights and activations to
+/// bf16 (8 significant bits), else `exact`.
 pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
     if kernel.rounds() { exact.max(1e-2) } else { exact }
 }

@@ -25,7 +25,7 @@ pub(crate) unsafe trait Versioned: Copy {
 /// Implements [`Versioned`]. Example: `versioned!(unsafe Camera, "camera", by_width(116, 120))`. Messages then say
 /// "camera"; the size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with 64-bit ones.
 ///
-/// `unsafe`: the structure is `repr(C)`; its fields are numbers, pointers or optional functions, valid for any bytes.
+/// `unsafe`: the caller ensures `repr(C)`, and fields valid for any bytes: numbers, pointers or optional functions.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
         // SAFETY: the macro's caller promises `repr(C)` and valid bytes; the assertion below checks the first field.
@@ -44,7 +44,7 @@ pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
-/// Caller's buffer for a NUL-terminated text, such as an error message. There is no buffer if `text` is NULL.
+/// Caller's buffer for a NUL-terminated text, such as an error message; none if `text` is NULL or `capacity` is 0.
 #[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
@@ -173,8 +173,8 @@ pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usi
     Span::new(name, first.cast(), size.checked_mul(count).ok_or(Failure::Overflow(name))?)
 }
 
-/// Returns a copy of the caller's structure, which may be of an older or newer header. Fields that an older header
-/// lacks become zero. A nonzero byte in the fields that only a newer header has is an error.
+/// Returns a copy of the caller's structure, whose type may come from an older or newer C header. Fields that an older
+/// header lacks are zero in the copy. Returns an error if a field that only a newer header has is not all zero bytes.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.
@@ -214,7 +214,7 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Converts the number `found` of a C enum to `names[found]`; an error with `name` and `expected` for unknown numbers.
+/// Converts a C enum's number `found` to `names[found]`. For an unknown number, the error has `name` and `expected`.
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -225,7 +225,7 @@ pub(crate) fn named<T: Copy>(
     known.ok_or(Failure::Setting { name, expected, found })
 }
 
-/// Converts a value in `nerf-core` to its number in a C enum: the index of `value` in `names`, or 0 if it is not there.
+/// Converts a value of a `nerf-core` type to its number in a C enum: the index of `value` in `names`, or 0 if absent.
 pub(crate) fn number_of<T: PartialEq>(names: &[Option<T>], value: T) -> u32 {
     names.iter().position(|named| named.as_ref() == Some(&value)).unwrap_or_default() as u32
 }
@@ -268,7 +268,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a call that writes the size computed by `body` to `size`, and a [`Line`]'s alignment to `align`, bytes.
+/// Runs a call that writes the result of `body`, a size in bytes, to `size`, and the alignment of [`Line`] to `align`.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

@@ -14,8 +14,7 @@ pub struct Counters {
     pub rays: u64,
     /// Number of samples at which the network was evaluated.
     pub samples_kept: u64,
-    /// Number of samples skipped outside the scene box, in empty cells, or behind the point where the ray was
-    /// terminated.
+    /// Number of samples skipped outside the scene box, in empty cells, or behind the point where the ray ended.
     pub samples_skipped: u64,
     /// Number of evaluations of the layers that give the density: the trunk and the density head.
     pub density_evaluations: u64,
@@ -30,8 +29,7 @@ pub struct Counters {
     pub invalid_samples: u64,
     /// Number of evaluations of the gradient of the density with respect to position, for normals.
     pub normal_evaluations: u64,
-    /// Number of evaluations of the proposal network, which finds where to place samples; not included in
-    /// `samples_kept`.
+    /// Number of evaluations of the proposal network, which finds where to place samples; not part of `samples_kept`.
     pub proposal_evaluations: u64,
 }
 

@@ -8,16 +8,16 @@ use core::ffi::c_char;
 use core::fmt::Write;
 use nerf_core::render;
 
-/// Writes an English report of a worker's frames: which stages are on, and why the other stages are off. With
-/// `counters`, also reports the work of each stage.
+/// Writes an English report of a worker's frames: which stages are on, and why the other stages are off. If `counters`
+/// is not NULL, also reports the work of each stage.
 ///
-/// The text is for people: its wording may change between versions. With several instances, the text has one part for
-/// each instance.
+/// The text is for people: its wording may change between versions. If the worker has several instances, the text has
+/// one part for each instance.
 ///
-/// `counters`: NULL, or the counters that a call of this worker wrote; ignored with several instances. `text`: NULL, or
-/// a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the length of
-/// the uncut text with its NUL, bytes. `text` and `needed` are written on success only; a cut text is a success.
-/// `message`: NULL, or a buffer for an error message.
+/// `counters`: NULL, or the counters that a call of this worker wrote; ignored if the worker has several instances.
+/// `text`: NULL, or a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or
+/// receives the length of the uncut text with its NUL, bytes. `text` and `needed` are written on success only; a cut
+/// text is a success. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of

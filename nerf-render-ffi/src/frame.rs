@@ -131,8 +131,8 @@ pub unsafe extern "C" fn nerf_render(
 /// 1x1 to 8388608x8388608 shows the whole field. `picture_width` and `picture_height` of `nerf_scene_info` give the
 /// field's own aspect ratio. To show a detail, render a rectangle of a large image.
 ///
-/// `worker`: opened for the 2D field; of its options only `maths`, `batch_rays` and `batch_samples` matter. The target
-/// may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.
+/// `worker`: must be opened for the 2D field. Of the options only `maths`, `batch_rays` and `batch_samples` matter. The
+/// target may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of

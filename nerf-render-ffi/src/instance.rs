@@ -17,8 +17,7 @@ use nerf_core::space::Placement;
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Instance {
-    /// `sizeof(nerf_instance)`. In an array, all instances have the same `struct_size`, which is the array's stride,
-    /// bytes.
+    /// `sizeof(nerf_instance)`. All instances of an array must have the same `struct_size`: the array's stride, bytes.
     pub struct_size: usize,
     /// Scene that the transform places in the world.
     pub scene: *const Scene,
@@ -32,7 +31,7 @@ versioned!(unsafe Instance, "instances", by_width(56, 64));
 
 #[cfg(feature = "instances")]
 reasons! {
-    /// Reason, other than an invalid transform, why an instance is refused; messages add `instances[i]` before it.
+    /// Reason why an instance is refused, other than a bad `to_world`. Messages put `instances[i]` before the reason.
     Problem:
     StructSize { expected: usize, found: usize } => StructSize,
         ".struct_size: expected {expected} (to 4096 with a tail of zeros), found {found}";
@@ -48,6 +47,8 @@ reasons! {
 
 #[cfg(feature = "instances")]
 impl Instance {
+    /// Returns a copy of the instance at `index` of the array that begins at `first`.
+    ///
     /// # Safety
     /// `first` is NULL or points to more than `index` instances, each as long as the first one's `struct_size`.
     pub(crate) unsafe fn read(first: *const Self, index: usize) -> Result<Self, Failure> {

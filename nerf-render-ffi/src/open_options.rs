@@ -40,7 +40,7 @@ pub enum Storage {
     /// f16, read directly from the scene file's bytes: the weights take no memory besides these bytes.
     F16 = 1,
     /// f32, converted from f16 without rounding when the scene is opened: faster than f16. The tables of a learned grid
-    /// are read directly from the scene file's bytes; only the WebAssembly kernel converts f16 tables to f32.
+    /// are not converted, except that the WebAssembly kernel converts f16 tables to f32.
     F32 = 2,
     /// bf16, for weights and activations: rounded to 8 significant bits. Only with AVX-512 BF16.
     Bf16 = 3,

@@ -6,7 +6,7 @@ use nerf_core::plan::Outputs;
 
 /// Flag that requests colour: `rgb` of `nerf_target` or `nerf_points`.
 pub const NERF_OUTPUT_RGB: u32 = 1;
-/// Flag that requests `opacity` of `nerf_target`.
+/// Flag that requests the opacity, 0 to 1: `opacity` of `nerf_target`.
 pub const NERF_OUTPUT_OPACITY: u32 = 2;
 /// Flag that requests the mean distance along the ray: `ray_distance` of `nerf_target`.
 pub const NERF_OUTPUT_RAY_DISTANCE: u32 = 4;
@@ -14,7 +14,7 @@ pub const NERF_OUTPUT_RAY_DISTANCE: u32 = 4;
 pub const NERF_OUTPUT_Z_DEPTH: u32 = 8;
 /// Flag that requests the median distance, at which transmittance along the ray falls below one half.
 pub const NERF_OUTPUT_MEDIAN_DISTANCE: u32 = 16;
-/// Flag that requests `normals` of `nerf_target`.
+/// Flag that requests the normal of the surface: `normals` of `nerf_target`.
 pub const NERF_OUTPUT_NORMALS: u32 = 32;
 
 pub(crate) fn read_outputs(name: &'static str, found: u32) -> Result<Outputs, Failure> {

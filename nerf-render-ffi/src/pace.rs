@@ -30,7 +30,7 @@ const _: () = assert!(MAX_FRONT == 16);
 
 versioned!(unsafe Pace, "pace", by_width(68, 72));
 
-/// Clock of the caller: returns the time in microseconds since any fixed moment. The time never decreases.
+/// Clock of the caller: returns the time in microseconds since any fixed moment. The time must never decrease.
 pub type Clock = Option<unsafe extern "C-unwind" fn(user: *mut c_void) -> u64>;
 
 /// Request to measure the time per frame of a scene.
@@ -90,9 +90,9 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 /// frame. Stops after the first point with a time above `request->limit_milliseconds`; the times of the more expensive
 /// points are infinity. Measure on an idle host.
 ///
-/// `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
-/// file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. `NERF_STATUS_NO_FRONT` if the
-/// scene has no Pareto front. `message`: NULL, or a buffer for an error message.
+/// `workspace`: must have the size and alignment from `nerf_pace_workspace_size`, and must not overlap the scene or the
+/// bytes of the scene's file. `pace`: receives the times on success; the caller sets `struct_size`. Returns
+/// `NERF_STATUS_NO_FRONT` if the scene has no Pareto front. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -134,6 +134,8 @@ pub unsafe extern "C" fn nerf_pace_measure(
     })
 }
 
+/// Returns a copy of the request, its scene, and a plan with the request's options except the quality settings.
+///
 /// # Safety
 /// As for [`nerf_pace_measure`].
 unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene, Plan<'s>), Failure> {

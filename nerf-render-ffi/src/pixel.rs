@@ -74,13 +74,13 @@ pub(crate) enum Channel {
     /// Density at a point of `nerf_query`.
     Density,
     PointColour,
-    /// Input: distance along each ray at which the ray ends.
+    /// Limit that the caller sets: distance along each ray at which the ray ends.
     LimitRayDistance,
     LimitZDepth,
 }
 
 impl Channel {
-    /// Returns the plane's name for messages, and the `NERF_OUTPUT_*` flag that it needs, or 0 for none.
+    /// Returns the plane's name for messages, and the `NERF_OUTPUT_*` flag that the plane needs; a flag of 0 for none.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
@@ -127,8 +127,10 @@ impl Channel {
     }
 }
 
+/// Writes to `to` the value of `channel` in `pixel`, in the format `format`. A density is read from `pixel.opacity`.
+///
 /// # Safety
-/// `to` is aligned for `format` and writable for its size.
+/// `to` is aligned for `format` and writable for the size of `format`.
 #[inline]
 pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pixel: &volume::Pixel) {
     let [r, g, b] = pixel.rgb;
@@ -151,7 +153,7 @@ pub(crate) unsafe fn put(to: *mut u8, format: PixelFormat, channel: Channel, pix
     }
 }
 
-/// Converts a channel to 8 bits, clamped and rounded half up.
+/// Converts red, green, blue or alpha from `[0, 1]` to 8 bits; clamps values outside, and rounds half up.
 fn byte(x: f32) -> u8 {
     (x.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }

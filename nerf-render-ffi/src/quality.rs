@@ -11,8 +11,9 @@ use nerf_core::blob::Blob;
 use nerf_core::plan::{self, Quality};
 use nerf_core::render;
 
-/// Choice of quality settings by the largest allowed loss of PSNR. The loss is the PSNR of the exact rendering minus
-/// the PSNR with the settings, dB. A study has measured the loss for each point of the scene's Pareto front.
+/// Largest allowed loss of PSNR, by which `nerf_quality_preset` chooses quality settings. The loss is the PSNR of the
+/// exact rendering minus the PSNR with the settings, dB; `nerf-train study` measures the loss for each point of a
+/// scene's Pareto front (PSNR against multiply-adds).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Preset {
@@ -34,7 +35,7 @@ pub enum Preset {
 pub struct Choice {
     /// `sizeof(nerf_choice)`, set by the caller.
     pub struct_size: usize,
-    /// PSNR of the exact rendering minus PSNR with the settings, dB, as a study measured it; negative for a gain.
+    /// PSNR of the exact rendering minus PSNR with the settings, dB, from `nerf-train study`; negative for a gain.
     pub loss_db: f32,
     /// Number of multiply-adds with the settings, divided by the number for the exact rendering.
     pub cost: f32,
@@ -47,8 +48,8 @@ pub struct Choice {
 
 versioned!(unsafe Choice, "choice", by_width(20, 24));
 
-/// Calls `choose` for a point of the scene's Pareto front. Writes the point's settings to `options`, and the point's
-/// loss, cost and time to `choice`, unless `choice` is NULL. An error if `choose` returns `None`: no usable front.
+/// Calls `choose`, which selects one point of the scene's Pareto front. Writes the point's settings to `options`, and
+/// the point's loss, cost and time to `choice` unless `choice` is NULL. Returns an error if `choose` returns `None`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what the calling functions describe.
@@ -86,8 +87,8 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
 ///
 /// `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
 /// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
-/// front loses more PSNR, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
-/// scene has no Pareto front, or if this build can render none of its points; nothing is written then. A point's
+/// front loses more, the point of highest PSNR is chosen, and `choice->within` is 0. Writes nothing and returns
+/// `NERF_STATUS_NO_FRONT` if the scene has no Pareto front with a point that this build can render. A point's
 /// transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: NULL, or a buffer for an error
 /// message.
 ///
@@ -110,8 +111,7 @@ pub unsafe extern "C" fn nerf_quality_within_loss(
     })
 }
 
-/// Writes to `options` the settings of highest PSNR that take at most `ratio` times the multiply-adds of the exact
-/// rendering.
+/// Writes to `options` the settings of highest PSNR with at most `ratio` times the multiply-adds of exact rendering.
 ///
 /// If every point of the scene's Pareto front costs more, the cheapest point is chosen. Everything else is as in
 /// `nerf_quality_within_loss`.
@@ -138,9 +138,9 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
 /// Writes to `options` the settings of highest PSNR with a frame time of at most `milliseconds`. `pace`: frame times
 /// from `nerf_pace_measure`.
 ///
-/// If every measured point of the scene's Pareto front takes longer, the fastest is chosen. `NERF_STATUS_NO_FRONT` if
-/// no point was measured. `choice->milliseconds` is the expected time of a frame. Everything else is as in
-/// `nerf_quality_within_loss`.
+/// Only points of the scene's Pareto front that have a finite time in `pace` are considered: if all of these take
+/// longer, the fastest is chosen; if there are none, returns `NERF_STATUS_NO_FRONT`. `choice->milliseconds` is the
+/// expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what `nerf_quality_within_loss` describes, `pace` to a `nerf_pace`. The caller has not
@@ -199,11 +199,11 @@ pub unsafe extern "C" fn nerf_quality_point(
 
 /// Writes to `options` the cheapest settings that lose no more PSNR than `preset`, a `nerf_preset`, allows.
 ///
-/// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
-/// Pareto front gets fixed settings. `NERF_PRESET_EXACT` is then the exact rendering, and `NERF_PRESET_HIGH` the
-/// default options. BALANCED: transmittance cut 0.03, colour cut 0.03 (lost 0.05 dB on one test scene). FAST:
+/// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. For a scene
+/// without a Pareto front, writes fixed settings, whose loss in the scene is unknown. EXACT: the exact rendering. HIGH:
+/// the default options. BALANCED: transmittance cut 0.03, colour cut 0.03 (loss in one test scene: 0.05 dB). FAST:
 /// transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1, four fifths of the
-/// scene's samples (0.9 dB). On your scene, the loss is unknown.
+/// scene's samples (0.9 dB).
 ///
 /// `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
 /// an error message.

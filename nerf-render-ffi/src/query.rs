@@ -42,10 +42,10 @@ versioned!(unsafe Points, "points", by_width(64, 112));
 
 /// Evaluates density and colour at points seen along directions.
 ///
-/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted. Of its options, only `ignore_occupancy` and `maths`
-/// affect the results, and `effects.linear` the colour. `sigma` and `rgb` must not overlap other memory of the call. If
-/// a direction is not of unit length, the call returns `NERF_STATUS_DIRECTION` and writes no results. `counters`: NULL,
-/// or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
+/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted. Only three of the worker's options affect the results:
+/// `ignore_occupancy`, `maths` and, for colour, `effects.linear`. `sigma` and `rgb` must not overlap other memory of
+/// the call. If a direction is not of unit length, the call returns `NERF_STATUS_DIRECTION` and writes no results.
+/// `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of

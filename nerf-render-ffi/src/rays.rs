@@ -58,7 +58,7 @@ pub(crate) struct Numbers {
 
 impl Numbers {
     /// # Safety
-    /// `i` is below the checked count, `EACH` is the checked number of floats, and the caller's memory is readable.
+    /// [`Floats::check`] accepted the array with a `count` above `i`, and `each = EACH`. The memory is readable.
     #[inline]
     pub unsafe fn at<const EACH: usize>(&self, i: usize) -> [f32; EACH] {
         // SAFETY: the element lies in the checked array, and is aligned; the caller vouches for the memory.
@@ -91,10 +91,10 @@ pub struct Rays {
     /// float can produce, is replaced by the largest float below 1.
     pub random: Floats,
     /// Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
-    /// of the ray through (cx, cy). May be NULL if the target has no plane `z_depth`.
+    /// of the ray through the principal point. May be NULL if the target has no plane `z_depth`.
     pub axis: *const f32,
     /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. Rays and results may be fields of
-    /// the same structures. The target's planes of limits must be NULL, since `t_max` limits each ray.
+    /// the same structures. The planes `limit_ray_distance` and `limit_z_depth` must be NULL: `t_max` limits each ray.
     pub target: *const Target,
 }
 
@@ -102,11 +102,11 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
-/// A ray may begin outside, inside or behind the scene. If a ray's opacity is at most 1e-4, it meets no surface, and
-/// its distances are the smallest of three: `t_max`, `far_distance` of the options unless that is 0, and a bound,
-/// computed from the scene's extent, on the distance from the ray's origin to any visible point. Without jitter, the
-/// rays of a camera's pixels give the camera's image, bit for bit. For shadow rays, render opacity alone, which is less
-/// work. Other planes do not change the opacity.
+/// A ray may begin outside, inside or behind the scene. A ray with an opacity of at most 1e-4 counts as meeting no
+/// surface. The distances of this ray are then the smallest of three: `t_max`; `far_distance` of the options, unless
+/// `far_distance` is 0; and a bound, computed from the scene's extent, on the distance from the ray's origin to any
+/// visible point. Without jitter, the rays of a camera's pixels give the camera's image, bit for bit. For shadow rays,
+/// render the opacity alone, which is less work: the opacity is the same with and without other planes.
 ///
 /// All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is not NULL, or if a
 /// ray has an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0
@@ -133,16 +133,15 @@ pub unsafe extern "C" fn nerf_render_rays(
 
 /// Samples the point on each ray at which a photon collides with the medium, for path tracers.
 ///
-/// A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
-/// opacity is 1, distances are measured to the collision, and colour and normal are those of the field at the
-/// collision. Without a collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA
-/// planes). Cuts in the options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in
-/// `nerf_render_rays`.
+/// A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. A ray with
+/// a collision has opacity 1, the distance to the collision, and the field's colour and normal at the collision. A ray
+/// without a collision has opacity 0, infinite distances, and the background's colour (0 in RGBA planes). Cuts in the
+/// options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in `nerf_render_rays`.
 ///
 /// If a ray is sampled often, with uniform random numbers, the means converge to the results of `nerf_render_rays`
 /// without cuts. Opacity and colour are averaged over all results, distance and normal over the results with a
-/// collision. With deferred shading, however, the mean colour differs: the colour branch is evaluated for the
-/// collision's sample alone.
+/// collision. The mean colour of a scene with deferred shading differs: `nerf_render_rays` evaluates the colour branch
+/// once per ray from composited features, `nerf_sample_rays` at the collision's sample alone.
 ///
 /// # Safety
 /// Pointers are NULL or point to what `nerf_render_rays` describes. The caller has not freed, moved or overwritten the
@@ -209,7 +208,7 @@ impl Arrays {
     }
 }
 
-/// Renders rays; if `collide` is true, samples the point on each ray at which a photon collides with the medium.
+/// Renders rays or, if `collide` is true, samples the point on each ray at which a photon collides with the medium.
 ///
 /// # Safety
 /// As for [`nerf_render_rays`].

@@ -90,11 +90,10 @@ pub struct RenderOptions {
     /// `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
     pub colour_cut: f32,
     /// Width of the blur of the density, in sample intervals: normals are computed from the gradient of the blurred
-    /// density. The blur is a Gaussian with the standard deviation of a box of this width, width / sqrt(12). 0 for
+    /// density. The blur is a Gaussian. Its standard deviation is width / sqrt(12), as of a box of this width. 0 for
     /// `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are then mostly noise.
     pub normal_blur: f32,
-    /// 1: samples are equally spaced even if the scene has a proposal network. 0: the proposal network, if any, places
-    /// samples.
+    /// 1: samples are equally spaced even in a scene with a proposal network. 0: that network, if any, places samples.
     pub ignore_proposal: u32,
     /// Distance along a ray at which visibility begins, world units, at least 0.
     pub near_distance: f32,
@@ -173,7 +172,7 @@ impl Settings {
         Ok(Self { frame, batch: Batch { rays, samples: or(o.batch_samples, Batch::FULL.samples) } })
     }
 
-    /// Makes the plan (stages and settings) of a scene's frames. `scale`: world units per unit of length in the scene.
+    /// Makes the plan (stages and settings) of a scene's frames. `scale`: world units per unit of scene coordinates.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, scale: f32) -> Result<Plan<'a>, Failure> {
         let (near, far) = self.frame.range;
         let of_scene = plan::Settings { range: (near / scale, far / scale), ..self.frame };
@@ -189,7 +188,7 @@ impl Settings {
     }
 }
 
-/// Converts a cut or a blur from the options: 0 becomes the default; a value below 0 becomes 0, which means none.
+/// Converts a cut or blur of the options for a plan: 0 becomes `default`; a value below 0 becomes 0 (no cut or blur).
 fn or_default(asked: f32, default: f32) -> f32 {
     if asked == 0.0 {
         default
@@ -200,7 +199,7 @@ fn or_default(asked: f32, default: f32) -> f32 {
     }
 }
 
-/// Inverse of `or_default`: a cut of 0, which means none, becomes `NERF_NONE`.
+/// Converts a cut of a plan for the options, as the inverse of `or_default`: 0 (no cut) becomes `NERF_NONE`.
 fn or_none(cut: f32) -> f32 {
     if cut == 0.0 { NERF_NONE } else { cut }
 }

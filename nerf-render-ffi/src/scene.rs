@@ -33,8 +33,8 @@ const _: () = {
 
 impl Scene {
     /// # Safety
-    /// `scene` is NULL or an opened scene's handle. During `'a`, nobody frees, moves or changes its memory or file
-    /// bytes.
+    /// `scene` is NULL or an opened scene's handle. During `'a`, nobody frees, moves or changes the scene's memory or
+    /// the scene file's bytes.
     pub(crate) unsafe fn of<'a>(scene: *const Self) -> Result<&'a Self, Failure> {
         if scene.is_null() {
             return Err(Failure::Null("scene"));

@@ -101,7 +101,7 @@ pub struct SceneInfo {
     pub quantisation_loss_db: f32,
     /// Number of optimiser steps of the training run.
     pub steps: u32,
-    /// Number of parameters of the network.
+    /// Number of weights and biases of the network. Tables of a learned grid, and proposal networks, are not counted.
     pub parameters: u64,
     /// Multiply-adds of one density evaluation. For a 2D field: multiply-adds of the layers before the colour branch.
     pub density_macs: u64,
@@ -121,8 +121,7 @@ pub struct SceneInfo {
     pub picture_height: u32,
     /// Number of samples per ray at which the proposal network is evaluated; 0 without a proposal network.
     pub proposal_samples: u32,
-    /// Number of points of the Pareto front (PSNR against multiply-adds) that a study measured; 0 if there was no
-    /// study.
+    /// Number of points on the Pareto front (PSNR against multiply-adds) from `nerf-train study`; 0 without a front.
     pub front_points: u32,
     /// Multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub proposal_macs: u64,
@@ -136,8 +135,8 @@ pub struct SceneInfo {
     /// All space outside the ball is contracted into the box, a cube whose side is 4 radii.
     pub contraction_radius: f32,
     /// Exponent `p` of the growth of steps outside the ball of `contraction_radius`: 1, 2 or 4; 0 if the scene ends at
-    /// its box. Samples are equally spaced in a position `s` along the ray. A sample's distance from the ray's point
-    /// nearest to the ball's centre is `s` radii up to `s = 1`, and `(1 - (s - 1) / p)^-p` radii beyond. If `p` is 1,
+    /// its box. Samples are equally spaced in `s`, which is 0 at the ray's point nearest to the ball's centre. The
+    /// distance of a sample from this point is `s` radii if `s <= 1`, else `(1 - (s - 1) / p)^-p` radii. If `p` is 1,
     /// samples are uniform in disparity (1 / distance); if `p` is 4, nearly uniform in the logarithm of the distance.
     pub contraction_power: u32,
     /// Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.

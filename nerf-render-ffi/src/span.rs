@@ -36,7 +36,7 @@ impl Span {
         !shared.is_empty()
     }
 
-    /// Returns an error if `self` and `other`, called `name` and `of` in the message, share a byte.
+    /// Returns an error if the two ranges share a byte. The error calls `self` by `name`, and `other` by `of`.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
@@ -53,7 +53,7 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if the arrays overlap. Fields of the same structures may be interleaved.
+    /// Returns an error if the arrays overlap. Two fields in one array of structures interleave, and are no error.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
@@ -71,7 +71,7 @@ impl Pieces {
     }
 }
 
-/// Bytes of a plane: `rows` × `columns` pixels of `size` bytes each, with gaps between. Rows do not overlap.
+/// Bytes of a plane: `rows` × `columns` pixels of `size` bytes, without overlap; pixels and rows may have gaps between.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneBytes {
     /// Lowest address of the plane.
@@ -84,7 +84,7 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// Returns the bytes of a plane. `data`: address of the top left pixel. The caller has checked for overflow.
+    /// Describes the memory of a plane. `data`: address of the top left pixel. No address of the plane may overflow.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -119,7 +119,7 @@ impl PlaneBytes {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Whether, by their offsets and strides, the planes are interleaved channels of one structure and share no byte.
+    /// Returns whether offsets and strides show that the planes interleave like fields of a structure, without overlap.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;

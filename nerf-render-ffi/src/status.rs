@@ -1,8 +1,8 @@
-//! The status of a call.
+//! Statuses that calls return, and the English text of each status.
 
 use core::ffi::{CStr, c_char};
 
-/// The status of a call; the numbers never change, and later versions may add some.
+/// Result of a call: success, or the reason of the failure. The numbers never change; later versions may add statuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
 pub enum Status {
@@ -16,7 +16,7 @@ pub enum Status {
     Reserved = 3,
     /// A pointer or stride is not a multiple of its alignment.
     Alignment = 4,
-    /// The caller's memory is smaller than the result of the size query.
+    /// Memory of the caller is smaller than the required size, which for example `nerf_scene_memory` computes.
     Memory = 5,
     /// Two ranges of memory overlap, but must not.
     Overlap = 6,
@@ -30,8 +30,8 @@ pub enum Status {
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
-    /// The target has no plane at all, or one of its planes has a wrong format or stride, or is not accepted by this
-    /// call, worker or options.
+    /// The target has no plane at all, or a plane has a wrong format or stride, or a plane is not allowed in this call,
+    /// with this worker or with these options.
     Target = 12,
     /// The scene file contains a 2D field, not a scene: `nerf_render_picture` renders 2D fields.
     NotAScene = 13,
@@ -51,8 +51,8 @@ pub enum Status {
     File = 20,
     /// An allocation failed for lack of memory.
     OutOfMemory = 21,
-    /// A ray has a direction that is not of unit length, an origin that is not finite, or an invalid range or random
-    /// number; or `nerf_render_rays` was given random numbers.
+    /// A ray has a direction that is not of unit length, an origin that is not finite, an invalid `t_min` or `t_max`,
+    /// or a random number outside [0, 1]; or `nerf_render_rays` was given random numbers.
     Ray = 22,
     /// The transform of an instance is not a rotation, a uniform scale and a translation.
     Transform = 23,

@@ -11,11 +11,11 @@ use nerf_core::render::{Limit, Rect};
 use nerf_core::volume::Pixel;
 
 /// One plane of a target, in the caller's memory: the values of one output, or limits of rays. The first pixel is the
-/// top left one of the **rectangle**, not of the image. For rays and points the plane is one row.
+/// top left one of the **rendered rectangle**, not of the image. For rays and points the plane is one row.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Plane {
-    /// Address of the rectangle's top left pixel; NULL leaves the plane out, at no cost.
+    /// Address of the top left pixel of the rendered rectangle; NULL leaves the plane out, at no cost.
     pub data: *mut c_void,
     /// Bytes from a pixel to its right neighbour; 0 for the size of a pixel.
     pub pixel_stride: usize,
@@ -40,15 +40,15 @@ pub struct Plane {
 pub struct Target {
     /// `sizeof(nerf_target)`.
     pub struct_size: usize,
-    /// Colour. Compositing and result are display-encoded, or linear light if `options.effects.linear` is 1.
+    /// Colour, composited and returned display-encoded, or as linear light if `options.effects.linear` is 1.
     pub rgb: Plane,
     /// Opacity, in `[0, 1]`.
     pub opacity: Plane,
-    /// Mean distance of the samples along the ray, weighted by the sample weights, world units. Pixels without a
+    /// Mean of the samples' distances along the ray, weighted by the sample weights, world units. Pixels without a
     /// surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
     pub ray_distance: Plane,
-    /// Mean distance of the samples along the view axis, weighted by the sample weights, world units. Pixels without a
-    /// surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
+    /// Mean of the samples' distances along the view axis, weighted by the sample weights, world units. Pixels without
+    /// a surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
     pub z_depth: Plane,
     /// Median distance along the ray, at which transmittance falls below one half, world units. If transmittance stays
     /// above one half, the pixel gets `far` (see `nerf_target`). Needs a `transmittance_cut` of at most 0.5.
@@ -110,7 +110,7 @@ impl Canvas {
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks the result planes of `count` points; they must not overlap the inputs in `read`. `rgb.data` may be NULL.
+    /// Checks planes for results of `count` points; `rgb.data` may be NULL. A plane must not overlap inputs in `read`.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -236,7 +236,7 @@ impl Surface {
     }
 
     /// # Safety
-    /// The pixel lies in the extent that was checked.
+    /// The pixel in column `x` and row `y`, whose address is returned, lies in the extent that was checked.
     #[inline]
     unsafe fn at(&self, x: usize, y: usize) -> *mut u8 {
         // SAFETY: `check` verified that the plane's span holds every pixel of the extent.
@@ -244,8 +244,8 @@ impl Surface {
     }
 }
 
-/// Checks a plane; `None` if it is left out. The plane must not overlap a scene, the worker or `read`. `read`: memory
-/// of the input arrays of rays or points; `None` for an image.
+/// Checks a plane. Returns `None` if `plane.data` is NULL, and an error if the plane overlaps a scene, the worker or
+/// `read`. `read`: memory of the input arrays of rays or points; `None` for an image.
 fn check(
     channel: Channel,
     plane: &Plane,

@@ -59,7 +59,7 @@ impl<'w> TilePixels<'w> {
         }
     }
 
-    /// Returns pixel `i` of the tile. Values that were not requested are 0, as are all values if `i` is out of range.
+    /// Returns pixel `i`. Median distance and normal are 0 if not requested; all values are 0 if `i` is out of range.
     pub fn get(&self, i: usize) -> Pixel {
         let plain = self.plain.get(i).copied().unwrap_or(Plain::BLANK);
         let Plain { rgb, opacity, ray_distance, z_depth } = plain;

@@ -31,10 +31,10 @@ pub struct Request {
     pub struct_size: usize,
     /// Scene or 2D field, in its own coordinates; NULL if there are `instances`.
     pub scene: *const Scene,
-    /// Scenes that the host has placed in its own world, or NULL. Cameras, rays, points and distances are then in the
-    /// host's world. Where instances overlap, densities add, and colours are averaged with the densities as weights. An
-    /// unbounded scene must be the last instance. The background is the last instance's. Only in a library built with
-    /// `instances`.
+    /// Scenes that the host has placed in its own world, or NULL. If not NULL, cameras, rays, points and distances are
+    /// in the host's world. Where instances overlap, densities add, and colours are averaged with the densities as
+    /// weights. An unbounded scene must be the last instance. The background is that of the last instance. Only in a
+    /// library built with the feature `instances`.
     pub instances: *const crate::instance::Instance,
     /// Number of instances; 0 if `scene` is set.
     pub instance_count: usize,
@@ -56,11 +56,11 @@ pub(crate) struct Member {
     pub plan: Option<Plan<'static>>,
 }
 
-/// A worker, which lies at the beginning of the memory that it was opened in, and borrows the scenes.
+/// A renderer of given scenes, with given options, at the beginning of the memory passed to `nerf_worker_open`.
 ///
-/// A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call
-/// returns `NERF_STATUS_BUSY`, as does every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses
-/// the worker's memory or a scene's memory.
+/// A worker borrows the scenes and owns nothing: there is nothing to close. Only one call at a time may use a worker: a
+/// concurrent call returns `NERF_STATUS_BUSY`, as does every call after `NERF_STATUS_PANIC`. A worker is valid until
+/// the caller reuses the worker's memory or a scene's memory.
 #[repr(align(64))]
 pub struct Worker {
     /// Set while a call uses `state`. The flag lies outside of the state, since concurrent calls read the flag.
@@ -333,9 +333,9 @@ pub unsafe extern "C" fn nerf_worker_size(
 
 /// Opens a worker in the caller's memory. Checks the request and divides the memory once for all later calls.
 ///
-/// The worker borrows `memory` and the scenes: the caller neither moves nor changes these while the worker is used.
-/// Each thread needs a worker of its own. `memory`: has at least the size and alignment from `nerf_worker_size`, and
-/// does not overlap scenes, scene files or any other argument. `worker` receives the handle on success only; there is
+/// The worker borrows `memory` and the scenes: the caller must not move or change these while the worker is used. Each
+/// thread needs a worker of its own. `memory` must have at least the size and alignment from `nerf_worker_size`, and
+/// must not overlap scenes, scene files or any other argument. `worker` receives the handle on success only; there is
 /// nothing to close. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
@@ -397,7 +397,7 @@ struct Lent {
 
 impl Lent {
     /// # Safety
-    /// `count` lines are left, and lent to the worker alone.
+    /// At least `count` lines are left. The next `count` lines, which are returned, are lent to the worker alone.
     #[inline]
     unsafe fn lines(&mut self, count: usize) -> &'static mut [Line] {
         let first = self.at;

@@ -8,13 +8,13 @@ use serde::{Deserialize, Serialize, Serializer};
 
 /// Maximum number of samples per ray.
 pub const MAX_SAMPLES: u16 = 4096;
-/// Maximum side of the image that a 2D field was fitted to, pixels.
+/// Maximum width and maximum height of the image that a 2D field was fitted to, pixels.
 pub const MAX_PICTURE_SIDE: u32 = 65_535;
 /// Maximum number of cells of the occupancy grid along one axis.
 pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
 /// Maximum length of each text of [`Provenance`], bytes.
 pub const MAX_TEXT: usize = 1024;
-/// Maximum number of points of a Pareto front.
+/// Maximum number of points of a [`ParetoFront`].
 pub const MAX_FRONT: usize = 16;
 
 /// Body of a blob: everything after the header. Fields are in the order of the file.
@@ -53,7 +53,7 @@ impl<'a> Body<'a> {
     }
 }
 
-/// The table entries of a grid encoding, as stored in the file: level by level, entry by entry, feature by feature.
+/// The table values of a grid encoding, as stored in the file: sorted by level, then by entry, then by feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StoredTables<'a> {
     /// Finite values, each as little-endian f16.
@@ -118,25 +118,25 @@ pub enum Content {
 
 /// Size of the image that a 2D field was fitted to. The field can be rendered at any size.
 ///
-/// The network's inputs are x to the right and y down, each from 0 to 1 across the image whatever its aspect ratio.
+/// The network's inputs are x (to the right) and y (down). For any aspect ratio, each is 0 to 1 across the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PictureFacts {
-    /// Pixels per row, 1 to [`MAX_PICTURE_SIDE`].
+    /// Width of the image, pixels: 1 to [`MAX_PICTURE_SIDE`].
     pub width: u32,
-    /// Number of rows, 1 to [`MAX_PICTURE_SIDE`].
+    /// Height of the image, pixels: 1 to [`MAX_PICTURE_SIDE`].
     pub height: u32,
 }
 
 /// Bounds of a scene, placement of samples on its rays, background colour and default viewpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneFacts {
-    /// Smallest corner of the scene box, world units.
+    /// Corner of the scene box with the smallest coordinates, world units.
     pub min: [f32; 3],
-    /// Largest corner of the scene box, world units.
+    /// Corner of the scene box with the largest coordinates, world units.
     pub max: [f32; 3],
-    /// Near distance of the training cameras, world units along the ray.
+    /// Smallest distance from a training camera at which its rays are sampled, world units.
     pub near: f32,
-    /// Far distance of the training cameras, world units along the ray.
+    /// Largest distance of samples on such a ray, world units. For unbounded scenes see [`SceneSampling::Contracted`].
     pub far: f32,
     /// Where samples lie on a ray: in equal bins, at equal steps, or at growing steps through unbounded space.
     pub sampling: SceneSampling,
@@ -200,7 +200,8 @@ impl SceneFacts {
         }
     }
 
-    /// Sample spacing, world units: the mean if a proposal network places samples; in the inner ball if unbounded.
+    /// Distance between successive samples on a ray, world units. In an unbounded scene: the distance inside the inner
+    /// ball. If a proposal network places the samples: the mean distance.
     pub fn step(&self) -> f32 {
         match self.sampling {
             SceneSampling::Contracted { step, .. } => {
@@ -222,8 +223,8 @@ impl SceneFacts {
     }
 
     /// Length of a ray through the middle of the inner ball, from the ray's entry into the ball to distance `far` past
-    /// the middle; 0 in a bounded scene. Measured in positions `s` ([`Contraction::distance`]): one unit of `s` is one
-    /// radius of the ball inside the ball, and more than one radius outside.
+    /// the middle; 0 in a bounded scene. Measured in positions `s` ([`Contraction::distance`]): inside the ball, one
+    /// unit of `s` is one radius of the ball; outside, one unit is more than one radius.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -261,7 +262,7 @@ impl StoredOccupancy<'_> {
     }
 }
 
-/// The Pareto front of a scene, most expensive point first.
+/// The Pareto front of a scene's render settings: PSNR against multiply-adds, most expensive point first.
 pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
 
 /// A point of a scene's Pareto front: the settings of a [`Quality`](crate::plan::Quality), the PSNR lost with these
@@ -278,8 +279,7 @@ pub struct FrontPoint {
     pub colour_cut: f32,
     /// Whether empty cells are skipped; true only in a scene with an occupancy grid.
     pub occupancy: bool,
-    /// Tag of the math backend, which computes exp, sin and other elementary functions:
-    /// [`MathBackend::tag`](crate::math::MathBackend::tag).
+    /// Tag of the backend that computes exp, sin and the like: [`MathBackend::tag`](crate::math::MathBackend::tag).
     pub math: u8,
     /// Whether the proposal network places the samples; true only in a scene with a proposal network.
     pub proposal: bool,
@@ -294,8 +294,8 @@ pub struct FrontPoint {
 /// in the scene box.
 ///
 /// # Source
-/// Mildenhall et al. 2020, section 5.2: the coarse network. The file leaves out that network's colour layers, since
-/// rendering needs only the compositing weights of its samples.
+/// Mildenhall et al. 2020, section 5.2: the coarse network. Deviation: a blob does not store the colour layers of the
+/// coarse network, since rendering needs only the compositing weights of the coarse network's samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal<'a> {
     /// Encoding of the position. The scene's network may have another encoding.
@@ -314,8 +314,8 @@ pub struct Proposal<'a> {
 }
 
 impl Proposal<'_> {
-    /// Shape of the proposal network as an [`Architecture`]. This type always has a colour head, but
-    /// [`Proposal::weights`] holds only the [`Architecture::density_parameters`]: trunk and density head.
+    /// Shape of the proposal network as an [`Architecture`]. An [`Architecture`] always has a colour head, but
+    /// [`Proposal::weights`] holds only parameters of trunk and density head ([`Architecture::density_parameters`]).
     pub fn architecture(&self) -> Architecture {
         Architecture {
             position: self.position.into(),
@@ -343,8 +343,8 @@ pub struct Provenance<'a> {
     pub psnr_db: Option<f32>,
     /// Conventions by which the PSNR was measured: views, background, samples.
     pub psnr_convention: &'a str,
-    /// PSNR lost on the validation views by rounding weights and tables to their stored format, dB (negative: a
-    /// gain); `None` if not measured.
+    /// Decrease of the PSNR over the validation views that is caused by rounding weights and tables to their stored
+    /// format, dB. Negative if rounding increases the PSNR; `None` if not measured.
     pub quantisation_loss_db: Option<f32>,
     /// Number of trained parameters, counted before the export merges successive linear layers.
     pub trained_parameters: u32,

@@ -122,8 +122,8 @@ fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
         }
 }
 
-/// Checks that this crate's sine and cosine are accurate for the encoding's largest angle inside the box. The limit is
-/// [`SIN_COS_DOMAIN`] with [`AngleScale::One`]. With [`AngleScale::Pi`] any finite angle is allowed.
+/// Checks that this crate's sine and cosine are accurate for the encoding's largest angle inside the box. For
+/// [`AngleScale::One`], the angle's limit is [`SIN_COS_DOMAIN`]. For [`AngleScale::Pi`], any finite angle is allowed.
 fn check_domain(bounds: &SceneBox, position: &SinusoidalEncoding) -> Result<(), BlobError> {
     // The highest level multiplies coordinates by 2^(levels − 1).
     let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
@@ -164,7 +164,7 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     if body.tables.is_some() { Err(BlobError::Field(Section::Tables)) } else { Ok(()) }
 }
 
-/// Checks that a grid has tables with the right number of finite values and scales, and that other encodings have none.
+/// Checks the tables of a grid encoding: sizes, scales and finite values. Any other encoding must have no tables.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     use super::body::StoredTables;

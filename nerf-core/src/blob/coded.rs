@@ -28,8 +28,8 @@ const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
 /// Number of contexts of the entropy coder, one for each pair of class and feature. A context has one probability model
-/// for the upper 4 bits of a value, and one for the lower 4 bits of a small value (-8 to 7). The lower 4 bits of other
-/// values do not depend on the context: they have one model for each value of the upper 4 bits.
+/// for the upper 4 bits of a value, and one for the lower 4 bits of a small value (-8 to 7). For any other value, the
+/// model of the lower 4 bits depends only on the upper 4 bits, not on the context.
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 
 /// An adaptive probability distribution of symbols. Each symbol has an interval within `0..2^BITS`. A symbol's
@@ -143,7 +143,7 @@ enum Half {
 /// bytes: one byte yields at most 6,100 values.
 ///
 /// # Errors
-/// [`BlobError::CodedEnd`] if `bytes` end before the last value; [`BlobError::CodedRest`] if no encoder writes `bytes`.
+/// [`BlobError::CodedEnd`] if `bytes` end too early; [`BlobError::CodedRest`] if no tables encode to `bytes`.
 pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8)) -> Result<(), BlobError> {
     let (first, rest) = bytes.split_first_chunk().ok_or(BlobError::CodedEnd { level: 0, index: 0 })?;
     let (mut state, words) = (u32::from_le_bytes(*first), rest.as_chunks::<2>());

@@ -139,9 +139,9 @@ errors! {
     TableValue { level: u8, index: u32 } => "tables: level {level}, value {index} is not finite";
     CodedEnd { level: u8, index: u32 } =>
         "tables: level {level}: expected value {index}, found the end of the coded bytes";
-    /// No encoder writes these coded bytes. Either the decoder's initial state is too low, or bytes are left after the
-    /// last value, or the decoder does not end in the encoder's initial state. `state`: the decoder's initial state if
-    /// too low; otherwise its last state. `bytes`: number of bytes not yet decoded.
+    /// The coded bytes are not the output of an encoder: the decoder's initial state is too low, bytes are left after
+    /// the last value, or the decoder does not end in the encoder's initial state. `state`: the decoder's initial state
+    /// if that state is too low; otherwise the decoder's last state. `bytes`: number of bytes not yet decoded.
     CodedRest { state: u32, bytes: u64 } =>
         "tables: expected coded bytes that end in state 65536 behind the last value, found state {state} and {bytes} \
          bytes more";
@@ -157,7 +157,7 @@ errors! {
     Space { expected: u64, found: u64 } => "output buffer: expected {expected} bytes, found {found}";
 }
 
-/// Name of a blob's content for messages. A network with a density head belongs to a scene, any other to a 2D field.
+/// Name of a blob's content in error messages: "scene" for content with density, "picture" for a 2D field.
 const fn kind(density: bool) -> &'static str {
     if density { "scene" } else { "picture" }
 }

@@ -1,4 +1,4 @@
-//! The fixed 32 bytes in front of the body, as `docs/blob-format.md` specifies them.
+//! The header of a blob: the 32 bytes before the body. `docs/blob-format.md` specifies the header.
 
 use super::BlobError;
 use crate::errors::ensure;

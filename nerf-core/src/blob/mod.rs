@@ -1,4 +1,4 @@
-//! The `*.nerf` file: a header, then one postcard body. Large parts of an opened body are slices of the file's bytes.
+//! The `*.nerf` file: a header, then a body in postcard format. Large parts of an opened body borrow the file's bytes.
 //!
 //! The format is specified in `docs/blob-format.md`. A [`Blob`] is checked once, in
 //! [`Blob::open`]; reading its content is then infallible.

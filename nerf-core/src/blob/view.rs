@@ -128,7 +128,7 @@ impl<'a> Blob<'a> {
         Some(self.scene()?.bounds())
     }
 
-    /// The occupancy grid; `None` in a 2D field and in a scene without one.
+    /// The occupancy grid; `None` in a 2D field and in a scene without an occupancy grid.
     pub fn occupancy(&self) -> Option<OccupancyGrid<'a>> {
         let occupancy = self.body.occupancy.as_ref()?;
         Some(OccupancyGrid::new(self.scene_box()?, occupancy.resolution, occupancy.bits))
@@ -164,10 +164,10 @@ impl<'a> Blob<'a> {
         self.body.coded().map_or(0, |(grid, _)| grid.values())
     }
 
-    /// Decodes entropy-coded tables to int8 values in `to`, [`Blob::decoded_len`] bytes. Does nothing for other tables.
+    /// Decodes entropy-coded tables into `to`: [`Blob::decoded_len`] int8 values. Does nothing for other tables.
     ///
     /// # Errors
-    /// Cannot fail after [`Blob::open`]. After [`Blob::open_undecoded`], fails if no encoder writes the coded bytes.
+    /// Cannot fail after [`Blob::open`]. After [`Blob::open_undecoded`], fails if the coded bytes are invalid.
     pub fn decode_tables(&self, to: &mut [u8]) -> Result<(), BlobError> {
         let Some((grid, bytes)) = self.body.coded() else { return Ok(()) };
         let mut to = to.iter_mut();

@@ -8,7 +8,7 @@ use super::header::{self, HEADER_LEN};
 /// Number of bytes of the blob that [`write()`] makes of `body`.
 ///
 /// # Errors
-/// The errors of [`write()`].
+/// The errors of [`write()`], except [`BlobError::Space`].
 pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     check(body)?;
     let size = postcard::ser_flavors::Size::default();
@@ -17,7 +17,7 @@ pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     Ok(HEADER_LEN.saturating_add(length))
 }
 
-/// Writes the blob of `body` to the beginning of `out` and returns its bytes.
+/// Writes the blob of `body` to the beginning of `out` and returns the written bytes.
 ///
 /// # Errors
 /// The [`BlobError`] with which [`super::Blob::open`] would refuse the blob, or [`BlobError::Space`] if `out` is too

@@ -23,7 +23,7 @@ const MAX_NORMALISED: f32 = 1e9;
 pub struct Ray {
     /// Start, world units.
     pub origin: Vec3,
-    /// Direction, **unit length**, so that `t` is a distance in world units.
+    /// Direction, **unit length**, so that `t` in [`Ray::at`] is a distance in world units.
     pub dir: Vec3,
 }
 
@@ -64,7 +64,7 @@ impl Intrinsics {
     }
 }
 
-/// A camera-to-world transform: the camera looks down −Z, +Y is up, +X right (OpenGL, Blender).
+/// A camera-to-world transform. In camera coordinates, −Z is the view direction, +Y up, +X right (OpenGL, Blender).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Camera-to-world rotation: its columns are the camera's right, up and backward axes in world space, orthonormal.
@@ -161,7 +161,7 @@ impl Camera {
     /// - a principal point or a lens that is not finite, or a fisheye with a `p1`, `p2`, `k5` or `k6` other than 0;
     /// - a position with a coordinate outside ±1e9, or a rotation matrix that is not a rotation within 1e-3;
     /// - an image point more than 1e9 focal lengths off the principal point;
-    /// - a lens that cannot be inverted at a point of the image, or folds between the axis and the point;
+    /// - a lens that cannot be inverted at one of 17×17 image points, or folds between the axis and the image border;
     /// - a lens with distortion in a build without the feature `lens`.
     pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
@@ -207,9 +207,9 @@ impl Camera {
         Ok(())
     }
 
-    /// Checks that the lens can be inverted at 17×17 points over the image, unless the distortion is provably weak.
-    /// Also checks for folds on the segment from the principal point to each of the points on the image's border.
-    /// Together, these segments pass near every point of the image.
+    /// Checks that the lens can be inverted at 17×17 points over the image, and has no fold on the segments from the
+    /// principal point to the points on the image border. Together, the segments pass near every point of the image.
+    /// Skips these tests if the distortion is provably weak. Past a fold, one image point shows two directions.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
@@ -239,13 +239,13 @@ impl Camera {
     /// Returns this camera at another pose.
     ///
     /// # Errors
-    /// [`CameraError`] if the pose is not finite, too far away or not a rotation.
+    /// [`CameraError`] if a number is not finite, a coordinate is outside ±1e9, or the matrix is not a rotation.
     pub fn at(&self, pose: Pose) -> Result<Self, CameraError> {
         pose.check()?;
         Ok(Self { pose, ..*self })
     }
 
-    /// Returns this camera at `pose`, without a check: callers only transform the camera's own, checked pose.
+    /// Returns this camera at `pose`, without a check. `pose` must be this camera's pose, rotated, scaled and moved.
     #[cfg(feature = "instances")]
     pub(crate) fn moved(&self, pose: Pose) -> Self {
         Self { pose, ..*self }
@@ -290,7 +290,7 @@ impl Camera {
         self.towards(self.lens.straighten(u, v))
     }
 
-    /// The ray along a direction of any length in camera coordinates (right, down, forward).
+    /// The ray from the camera along `dir`, in camera coordinates (right, down, forward). `dir` may have any length.
     fn towards(&self, dir: Vec3) -> Ray {
         let local = Vec3::new(dir.x, -dir.y, -dir.z);
         let dir = self.pose.rotation * local;
@@ -307,7 +307,7 @@ impl Camera {
     }
 
     /// Projects a point of the world to an image point, pixels, which may lie outside of the image. `None` if the point
-    /// is at the camera. Without a fisheye lens, also `None` if the point is not in front of the camera.
+    /// is at the camera. With a perspective lens, also `None` if the point is not in front of the camera.
     pub fn project(&self, point: Vec3) -> Option<(f32, f32)> {
         let local = self.pose.rotation.transpose() * (point - self.pose.position);
         if local == Vec3::ZERO {

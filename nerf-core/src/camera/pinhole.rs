@@ -1,10 +1,10 @@
-//! Rays of several pixels at once.
+//! Rays of several pixels at once, for cameras without lens distortion.
 
 use super::{Camera, Ray};
 use crate::simd::{Lanes, MAX_LANES, Op};
 
-/// Computes rays through up to [`MAX_LANES`] image points of a camera without distortion. The rays are bit-identical to
-/// the results of [`Camera::ray`].
+/// Operation that computes the rays through up to [`MAX_LANES`] image points of `camera`, which must have no lens
+/// distortion. The rays are bit-identical to the results of [`Camera::ray`].
 pub(crate) struct PinholeRays<'a> {
     pub camera: &'a Camera,
     /// Image coordinates x and y of the points, pixels.

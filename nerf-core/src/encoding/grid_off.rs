@@ -7,7 +7,7 @@ use crate::space::SceneBox;
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
-/// A type without values, since this build has no grids. Opening a file with a grid fails with
+/// A type without values: builds without the feature `grid` support no grids. Opening a file with a grid fails with
 /// [`BlobError::NotBuilt`](crate::blob::BlobError::NotBuilt).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum GridEncoding {}
@@ -25,7 +25,7 @@ impl GridEncoding {
     }
 }
 
-/// The tables of a grid. This build has no grids, so that the type has only the value [`GridTables::NONE`].
+/// The tables of a grid. In builds without the feature `grid`, [`GridTables::NONE`] is the type's only value.
 #[derive(Clone, Copy, Debug)]
 pub struct GridTables<'a>(PhantomData<&'a ()>);
 

@@ -55,7 +55,7 @@ impl PositionEncoding {
         }
     }
 
-    /// The sinusoidal encoding; `None` for any other.
+    /// The sinusoidal encoding; `None` for any other encoding.
     pub fn sinusoidal(&self) -> Option<&SinusoidalEncoding> {
         match self {
             Self::Sinusoidal(encoding) => Some(encoding),
@@ -83,8 +83,7 @@ impl From<SinusoidalEncoding> for PositionEncoding {
 pub enum DirectionEncoding {
     /// Sines and cosines of each coordinate.
     Sinusoidal(SinusoidalEncoding),
-    /// Real spherical harmonics. Without the feature `grid`, which includes them, networks with this encoding are
-    /// refused.
+    /// Real spherical harmonics. Builds without the feature `grid` refuse networks with this encoding.
     SphericalHarmonics {
         /// Number of bands, 1 to [`MAX_HARMONICS_DEGREE`]; together the bands have `degree²` functions.
         degree: u8,
@@ -100,7 +99,7 @@ impl DirectionEncoding {
         }
     }
 
-    /// The sinusoidal encoding; `None` for any other.
+    /// The sinusoidal encoding; `None` for any other encoding.
     pub const fn sinusoidal(&self) -> Option<&SinusoidalEncoding> {
         match self {
             Self::Sinusoidal(encoding) => Some(encoding),
@@ -129,6 +128,6 @@ pub enum TableValues<'a> {
         /// is finite.
         scales: &'a [u8],
     },
-    /// f32, as used in training.
+    /// One f32 per table value, as used in training.
     F32(&'a [f32]),
 }

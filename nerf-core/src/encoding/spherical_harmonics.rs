@@ -17,7 +17,7 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 ///
 /// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Row `l² + l + m` of `out` is `Y_l^m`, orthonormal
 /// over the sphere, with the Condon–Shortley phase. Rows 0 to 3: `½ √(1/π)`, `−√(3/4π) y`, `√(3/4π) z`, `−√(3/4π) x`.
-/// `stride`: number of directions. Directions are encoded one by one if it is no multiple of [`Isa::columns`].
+/// `stride`: number of directions. If `stride` is no multiple of [`Isa::columns`], directions are encoded one by one.
 ///
 /// # Accuracy
 /// 5e-7 absolute, for directions of unit length.

@@ -5,7 +5,7 @@ use crate::render::{Counters, RenderError};
 use crate::volume::Pixel;
 use std::vec::Vec;
 
-/// Makes a plane of an image, with `value` in each pixel.
+/// Makes a plane of an image (a list of one value per pixel), with `value` in each pixel.
 ///
 /// # Errors
 /// [`RenderError::ImageMemory`] if there is not enough memory.
@@ -17,8 +17,8 @@ pub(super) fn plane<T: Clone>(width: usize, height: usize, value: T) -> Result<V
     Ok(values)
 }
 
-/// A rendered image: one plane per output, pixels row by row from the top left. A plane is empty if its output was not
-/// requested.
+/// A rendered image. Each output has a plane: a list of one value per pixel, row by row from the top left. A plane is
+/// empty if its output was not requested.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     /// Width, pixels.
@@ -30,7 +30,7 @@ pub struct Image {
     /// Opacity, `[0, 1]`.
     pub opacity: Vec<f32>,
     /// Mean of the samples' distances along the ray, weighted by their compositing weights, world units. In a pixel
-    /// without a surface, the frame's far distance.
+    /// without a surface, the frame's far distance ([`Plan::far_from`](crate::plan::Plan::far_from)).
     pub ray_distance: Vec<f32>,
     /// Mean distance along the view axis, world units: `ray_distance` times the cosine between ray and view axis. In a
     /// pixel without a surface, the frame's far distance.

@@ -35,7 +35,7 @@ impl<'s> Request<'s> {
         self
     }
 
-    /// Sets quality, effects, background and range of distances; by default [`Settings::default`].
+    /// Sets quality, effects, background, visible range, blur of normals and bins; by default [`Settings::default`].
     pub fn settings(mut self, settings: Settings) -> Self {
         self.settings = settings;
         self
@@ -50,18 +50,18 @@ impl<'s> Request<'s> {
     /// Renders an image.
     ///
     /// # Errors
-    /// [`HostError::Plan`] names the setting that does not fit the scene.
+    /// [`HostError::Plan`] names the setting that does not fit the scene. [`HostError::Render`]: not enough memory.
     pub fn render(&self, camera: &Camera) -> Result<Image, HostError> {
         let renderer = self.scene.renderer();
         let plan = self.settings.plan(renderer.blob(), self.outputs, Batch::FULL)?;
         Ok(threads::render(&renderer, &plan, camera, self.threads)?)
     }
 
-    /// Renders one pixel for each of `rays`. `axis`: direction along which `z_depth` is measured, unit length; with
-    /// `None`, `z_depth` is 0.
+    /// Renders one pixel per ray. `axis`: unit vector along which `z_depth` is measured; with `None`, `z_depth` is 0.
     ///
     /// # Errors
-    /// As [`Request::render`], and [`HostError::Render`] with the index of the first ray that is invalid.
+    /// As [`Request::render`], and [`HostError::Render`] if a ray is invalid (the error has the ray's index), if `axis`
+    /// is not of unit length, or if the settings have anti-aliasing or depth of field, which need a camera.
     pub fn render_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
         // The batch is no larger than the number of rays, to save memory.
@@ -73,8 +73,8 @@ impl<'s> Request<'s> {
     /// Renders a 2D field in `width` × `height` pixels, display-encoded, row by row.
     ///
     /// # Errors
-    /// [`HostError::Render`] if the file is a scene, or if `width` or `height` is 0 or above
-    /// [`MAX_RENDER_SIDE`](crate::render::MAX_RENDER_SIDE).
+    /// [`HostError::Render`] if the file is a scene, if there is not enough memory, or if `width` or `height` is 0 or
+    /// above [`MAX_RENDER_SIDE`](crate::render::MAX_RENDER_SIDE).
     pub fn render_picture(&self, width: u32, height: u32) -> Result<Vec<[f32; 3]>, HostError> {
         let renderer = self.scene.renderer();
         let size = [width, height];

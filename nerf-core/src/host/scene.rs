@@ -1,4 +1,4 @@
-//! A scene and its bytes in one value.
+//! [`Scene`]: a scene that owns the bytes of its file.
 
 use super::{HostError, Image, Request};
 use crate::blob::{Blob, BlobError};
@@ -9,8 +9,8 @@ use std::boxed::Box;
 use std::path::Path;
 use std::vec;
 
-/// A scene that owns the bytes of its file. The type has no lifetime parameter, so that scenes can be stored and shared
-/// by threads.
+/// A scene that owns the bytes of its file. The type has no lifetime parameter, so that a scene can be stored in
+/// any struct and shared between threads.
 ///
 /// ```no_run
 /// use glam::Vec3;
@@ -25,7 +25,7 @@ use std::vec;
 /// ```
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// Bytes of the blob: checked once, and never changed.
+    /// Bytes of the scene's file, checked when the scene is opened, and not changed afterwards.
     bytes: Box<[u8]>,
     kernel: Kernel,
     prepared: Prepared<Box<[f32]>, Box<[u8]>>,
@@ -42,7 +42,7 @@ impl Scene {
     /// not round weights.
     ///
     /// # Errors
-    /// [`HostError::Read`] and [`HostError::Open`], which name the file.
+    /// [`HostError::Read`] or, if [`Scene::from_bytes`] fails, [`HostError::Open`]. Both errors name the file.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, HostError> {
         let path = path.as_ref();
         let bytes = std::fs::read(path).map_err(|source| HostError::Read { path: path.into(), source })?;
@@ -53,7 +53,7 @@ impl Scene {
     /// does not round weights.
     ///
     /// # Errors
-    /// [`BlobError`] says what was expected and found.
+    /// [`BlobError`] if the bytes are not a file that this build can open. The error says what was expected and found.
     pub fn from_bytes(bytes: impl Into<Box<[u8]>>) -> Result<Self, BlobError> {
         Self::for_kernel(bytes, Kernel::detect())
     }

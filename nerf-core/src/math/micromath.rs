@@ -4,8 +4,8 @@ use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;
 use micromath::F32Ext;
 
-/// The functions of [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own polynomials: the crate
-/// has no expm1, and its power function has an error of 0.14 on the sRGB curve.
+/// The functions of [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own polynomials:
+/// `micromath` has no expm1, and its power function has an error of 0.14 on the sRGB curve.
 pub struct Micromath;
 
 impl Math for Micromath {
@@ -23,7 +23,7 @@ impl Math for Micromath {
         // A NaN stays a NaN, since the renderer counts invalid samples. For NaN, the crate's `exp` returns a number.
         V::select(x.equals(x), e, x)
     }
-    /// `e^−x` as `1 + expm1(−x)`: with the crate's inexact `exp` the weights of a ray would add up to more than 1.
+    /// `e^−x` as `1 + expm1(−x)`: with `micromath`'s inexact `exp` the weights of a ray would add up to more than 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         V::splat(1.0).add(Self::expm1(x.neg()))

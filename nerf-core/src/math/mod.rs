@@ -37,7 +37,7 @@ pub enum MathBackend {
     /// The `libm` crate, one value at a time.
     #[cfg(feature = "libm")]
     Libm,
-    /// The `micromath` crate: small and rough.
+    /// The `micromath` crate, one value at a time: little code, low accuracy.
     #[cfg(feature = "micromath")]
     Micromath,
     /// The project's polynomials. The sinusoidal encoding computes each level from the previous level by angle
@@ -46,7 +46,7 @@ pub enum MathBackend {
 }
 
 impl MathBackend {
-    /// Number of backends that have a tag. Includes the backends that this build lacks. Tags are below this number.
+    /// Number of tags, including those of backends that this build lacks. Tags are 0 to `TAGS − 1`.
     pub const TAGS: u8 = 4;
 
     /// Tag of the backend in files, the same in every build.

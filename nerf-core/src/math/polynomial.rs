@@ -1,4 +1,4 @@
-//! The project's own elementary functions: f32 polynomials, generic over lanes, no f64.
+//! The project's own elementary functions: f32 polynomials, generic over the vector type [`Lanes`], without f64.
 //!
 //! Coefficients are minimax fits (Remez exchange in 40-digit arithmetic), rounded to f32.
 
@@ -51,8 +51,8 @@ pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
     rotate(n, sin, cos)
 }
 
-/// Largest `|x|` that [`sin_cos`] accepts, radians. [`sin_cos`] splits π/2 into three parts. Up to this limit, the
-/// products of the quadrant's index with the first part and with the second part are exact.
+/// Largest `|x|` that [`sin_cos`] accepts, radians. [`sin_cos`] subtracts `n·π/2` from `x`, with π/2 split into three
+/// parts. Up to this limit, the products of the integer `n` with the first part and with the second part are exact.
 pub const SIN_COS_DOMAIN: f32 = 1e5;
 
 /// `(sin x, cos x)` for `|x| <= SIN_COS_DOMAIN`.
@@ -106,7 +106,7 @@ pub(super) fn clamp_exp<V: Lanes>(x: V) -> V {
     V::splat(-87.0).max_of(V::splat(88.0).min_of(x))
 }
 
-/// `(2^n, e^r − 1)` with `x = n ln 2 + r`, `|r| <= ln 2 / 2`.
+/// `(2^n, e^r − 1)`, where `x = n ln 2 + r`, `n` is an integer, and `|r| <= ln 2 / 2`.
 #[inline(always)]
 fn split_exp<V: Lanes>(x: V) -> (V, V) {
     let n = x.mul(V::splat(LOG2_E)).round_even();
@@ -152,7 +152,7 @@ fn ln_1p_unit<V: Lanes>(x: V) -> V {
 /// `ln x` for a positive normal `x`.
 ///
 /// # Accuracy
-/// Max error 2e-7, relative to the larger of 1 and the result.
+/// Max error 2e-7, relative to `max(1, |ln x|)`.
 #[inline(always)]
 pub fn ln<V: Lanes>(x: V) -> V {
     let (m, e) = x.split_exponent();

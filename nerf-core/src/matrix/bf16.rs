@@ -13,7 +13,7 @@ use half::bf16;
 pub struct PairedInput<'a> {
     /// Weights in pairs: for each output, a row of `row` words, of which the first `pairs` are used.
     pub weights: &'a [f32],
-    /// Distance between rows of weights, words.
+    /// Distance from one row of weights to the next, 32-bit words.
     pub row: usize,
     /// Number of pairs of inputs.
     pub pairs: usize,
@@ -31,7 +31,7 @@ pub enum PairedOutput {
     Pairs,
 }
 
-/// Number of pairs of `count` values, rounded up.
+/// Number of pairs that hold `count` values: half of `count`, rounded up.
 pub const fn pairs(count: usize) -> usize {
     count.div_ceil(2)
 }
@@ -65,8 +65,8 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
 /// else the identity.
 ///
 /// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`], sums start from the f32 values in `to`,
-/// `[outputs][stride]`, also if the `output` format is pairs. An output is summed pair after pair, in the same order
-/// for any sizes.
+/// `[outputs][stride]`, even if `output` is [`PairedOutput::Pairs`]. Every output is summed pair after pair, in the
+/// same order for any sizes.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.
@@ -106,7 +106,7 @@ pub fn dense_bf16(
     }
 }
 
-/// The arguments of [`dense_bf16`], whose slices are checked to be long enough.
+/// Arguments of [`dense_bf16`], which has checked that every slice is long enough.
 struct Layer<'a> {
     parts: [PairedInput<'a>; 2],
     outputs: usize,
@@ -164,7 +164,7 @@ mod avx512 {
         /// Computes the layer with AVX-512 instructions.
         ///
         /// # Safety
-        /// The CPU has AVX-512 F and AVX-512 BF16, and the OS saves their registers.
+        /// The CPU must have AVX-512 F and AVX-512 BF16, and the OS must save the AVX-512 registers.
         #[target_feature(enable = "avx512f,avx512bf16")]
         pub(super) unsafe fn avx512(mut self) {
             let mut row = 0;
@@ -194,7 +194,7 @@ mod avx512 {
             }
         }
 
-        /// Computes `2 * PAIRS` rows × `COLS` vectors of outputs, whose sums stay in registers over all inputs.
+        /// Computes one tile: `2 * PAIRS` rows × `COLS` vectors of outputs. The sums stay in registers over all inputs.
         #[inline]
         #[target_feature(enable = "avx512f,avx512bf16")]
         fn tile<const PAIRS: usize, const COLS: usize>(&mut self, row: usize, column: usize) {

@@ -58,7 +58,7 @@ impl Op for Transposed<'_> {
 }
 
 impl Transposed<'_> {
-    /// Computes two rows × `COLS` vectors of `to`, whose sums stay in registers over all outputs of the layer.
+    /// Computes one tile: two rows × `COLS` vectors of `to`. The sums stay in registers over all outputs of the layer.
     #[inline(always)]
     fn tile<V: Lanes, const COLS: usize>(&mut self, pair: usize, column: usize) {
         let stride = self.stride;

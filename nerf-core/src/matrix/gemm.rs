@@ -49,8 +49,8 @@ impl<'a, T> Init<'a, T> {
 /// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`. `act` is ReLU if `relu`, else the
 /// identity.
 ///
-/// Every element is summed in the same order for any sizes, so that results do not depend on how a block of samples is
-/// split into products. Instruction sets differ in whether multiply-adds are fused. A NaN stays a NaN through the ReLU.
+/// Every element is summed in the same order for any sizes: results do not depend on how a block of samples is split
+/// into calls. Results of two instruction sets can differ, since only some fuse multiply-adds. ReLU of NaN is NaN.
 ///
 /// # Panics
 /// If `n` is no multiple of [`Isa::columns`] or a slice is too short for sizes and strides.
@@ -76,7 +76,7 @@ pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'
     isa.run(Product { g, a, b, c, init, relu });
 }
 
-/// The arguments of [`gemm`], whose slices are checked to be long enough.
+/// Arguments of [`gemm`], which has checked that every slice is long enough.
 struct Product<'a> {
     g: Gemm,
     a: &'a [f32],
@@ -128,7 +128,7 @@ impl Product<'_> {
         }
     }
 
-    /// Computes `ROWS` rows × `COLS` vectors of C, whose sums stay in registers over all `k` terms.
+    /// Computes one tile: `ROWS` rows × `COLS` vectors of C. The sums stay in registers over all `k` terms.
     #[inline(always)]
     fn tile<V: Lanes, const ROWS: usize, const COLS: usize>(&mut self, row: usize, col: usize) {
         let g = &self.g;

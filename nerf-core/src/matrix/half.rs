@@ -6,7 +6,7 @@ use crate::simd::{Isa, Lanes, Op};
 
 /// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, where A is little-endian f16 at any alignment. `act` is ReLU
 /// if `relu`, else the identity. B and C may have any number `n` of columns: if `n` is no multiple of [`Isa::columns`],
-/// all columns are computed one by one with portable instructions. `c_row` is at least `n`.
+/// all columns are computed one by one with portable instructions. `c_row` must be >= `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short for sizes and strides. Other builds read missing values as 0.
@@ -24,8 +24,8 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
 
 /// Converts a little-endian f16 to f32.
 ///
-/// Same as the software conversion of the crate `half`, except that normal numbers are tested first: nearly all weights
-/// are normal, and every multiplication converts a weight.
+/// Gives the same value as the software conversion of the crate `half`, but tests for normal numbers first: nearly all
+/// weights are normal, and every multiplication converts a weight.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
     /// Difference of the exponent biases of f32 and f16, shifted to the position of an f32's exponent.

@@ -21,7 +21,7 @@ names! {
 }
 
 impl Storage {
-    /// Whether weights are read directly from the scene file's bytes: with `F16`, and with any storage on targets
+    /// Whether weights are read directly from the scene file's bytes. True for `F16`, and for every storage on targets
     /// without vector instructions ([`VECTORS`]), where only `F16` is available.
     pub(crate) const fn in_place(self) -> bool {
         matches!(self, Self::F16) || !VECTORS

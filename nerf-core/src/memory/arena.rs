@@ -10,7 +10,7 @@ use core::mem::{MaybeUninit, align_of, size_of};
 pub struct Line([MaybeUninit<u8>; 64]);
 
 impl Line {
-    /// A line of 64 uninitialised bytes, to make workspace of: `[Line::UNINIT; 64]`.
+    /// A line of 64 uninitialised bytes. `[Line::UNINIT; n]` is a workspace of `n` lines.
     pub const UNINIT: Self = Self([MaybeUninit::uninit(); 64]);
 }
 

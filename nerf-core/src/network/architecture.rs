@@ -23,11 +23,11 @@ pub const MAX_WIDTH: usize = 512;
 pub struct TrunkLayer {
     /// Number of outputs.
     pub width: u16,
-    /// Whether the encoded position is appended to the previous layer's output `h`: input `[h, PE(x)]`.
+    /// Whether the encoded position `PE(x)` is appended to the previous layer's output `h`: input `[h, PE(x)]`.
     pub skip: bool,
 }
 
-/// The activation that maps the density head's raw output to sigma, per world unit.
+/// The activation that maps the density head's raw output to the density sigma, per world unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DensityActivation {
     /// `max(0, raw)`.
@@ -53,7 +53,7 @@ pub enum Shading {
     ///
     /// ```text
     /// A = Σ w_i;  P = Σ w_i h_i / A;  colour = A · sigmoid(branch [P, PE(d)]) + T_end · background
-    /// w_i: weight of sample i;  T_end: transmittance at the end of the ray
+    /// w_i: weight of sample i;  T_end: transmittance at the end of the ray;  PE(d): encoded direction
     /// ```
     ///
     /// With a grid the trunk may be empty: `h` is then the encoded position itself.
@@ -62,9 +62,8 @@ pub enum Shading {
 
 /// A network's shape, from which [`Architecture::layers`] derives all layers.
 ///
-/// The linear feature layer of the original NeRF, between trunk and colour branch, has no counterpart here. No
-/// activation follows the feature layer: the export of a network therefore merges that layer into the first colour
-/// layer.
+/// The original NeRF has a linear feature layer between trunk and colour branch. This type has none: since no
+/// activation follows the feature layer, the export of a network merges the feature layer into the layer after it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Architecture {
     /// Encoding of the position: 3 inputs in a scene, 2 in a 2D field (a point of the image).
@@ -76,8 +75,8 @@ pub struct Architecture {
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head; `None` in a 2D field.
     pub density: Option<DensityActivation>,
-    /// Widths of the colour branch's hidden dense+ReLU layers. The first takes `[h, PE(d)]`: the trunk's output and the
-    /// encoded direction.
+    /// Widths of the colour branch's hidden dense+ReLU layers. The first layer takes `[h, PE(d)]`: the trunk's output
+    /// and the encoded direction.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
     /// Whether colour is evaluated once a sample or once a ray.
     pub shading: Shading,
@@ -96,15 +95,15 @@ pub enum Role {
     Rgb,
 }
 
-/// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`.
+/// One dense layer, `y = W x + b`: `x` has `main + extra` values, `W` is stored row-major, `[outputs][main + extra]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layer {
     /// Place of the layer in its network: a hidden layer, the density head or the colour head.
     pub role: Role,
-    /// Number of inputs from the previous layer; in the first layer, from the encoded position.
+    /// Number of main inputs: the encoded position in the first layer of the network, the trunk's output `h` in the
+    /// density head and in the first colour layer (hidden or head), else the outputs of the previous layer.
     pub main: usize,
-    /// Number of appended inputs: encoded position in a skip layer, encoded direction in the first colour layer, else
-    /// 0.
+    /// Number of appended inputs: encoded position (skip layer), encoded direction (first colour layer), else 0.
     pub extra: usize,
     /// Number of outputs.
     pub outputs: usize,
@@ -229,7 +228,7 @@ impl Architecture {
         self.macs(|role| matches!(role, Role::Trunk(_) | Role::Density))
     }
 
-    /// Multiply-adds of one evaluation of the colour branch and the colour head, without those of the trunk.
+    /// Multiply-adds of one colour evaluation: hidden colour layers and colour head. The trunk is not counted.
     pub fn colour_macs(&self) -> usize {
         self.macs(|role| matches!(role, Role::Colour(_) | Role::Rgb))
     }
@@ -307,11 +306,11 @@ fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     match *grid {}
 }
 
-/// Whether this build supports shading once a ray, which is meant for networks with a grid.
+/// Whether this build supports [`Shading::PerRay`], which needs the feature `grid`.
 pub(crate) const PER_RAY_BUILT: bool = cfg!(feature = "grid");
 
 errors! {
-    /// An architecture outside the limits of the file format.
+    /// An architecture that is outside the limits of the file format, or that needs a feature this build lacks.
     #[derive(Eq)]
     ArchitectureError:
     EncodingInputs { field: &'static str, expected: u8, found: u8 } =>

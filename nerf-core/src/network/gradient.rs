@@ -21,14 +21,14 @@ use core::ops::Range;
 #[cfg(test)]
 mod tests;
 
-/// Number of signs in one word of [`GradientScratch::signs`], one bit each.
+/// Number of bits of the ReLU mask in one word of [`GradientScratch::signs`].
 const SIGNS: usize = 16;
 
 /// Memory that the backward pass of one block of samples needs in addition to [`Scratch`].
 #[derive(Debug)]
 pub struct GradientScratch<'w> {
-    /// ReLU mask of the trunk: one bit for each output of each sample, set if the output is above 0. Length:
-    /// [`Network::sign_words`].
+    /// ReLU mask of the trunk: for each output of each trunk layer, one bit per sample, set if the output is above 0.
+    /// Length: [`Network::sign_words`].
     pub signs: &'w mut [u16],
     /// Gradient of the raw density with respect to the encoded position, `[gradient_rows][stride]`.
     pub encoded: &'w mut [f32],
@@ -57,8 +57,8 @@ impl Network<'_> {
     /// A grid's interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell
     /// with the larger index.
     ///
-    /// The derivative of the ReLU at 0 is 0. Whether a ReLU is on is decided by a forward pass in the kernel's own
-    /// arithmetic. The backward pass computes in f32, from weights in the precision in which they are stored.
+    /// The derivative of the ReLU at 0 is 0. A forward pass in the kernel's own arithmetic determines which outputs of
+    /// the ReLU are above 0. The backward pass computes in f32, from weights in their stored precision.
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`]; see [`Network::trunk`].
@@ -142,7 +142,7 @@ impl Network<'_> {
         self.layers.iter().filter(|layer| matches!(layer.role, Role::Trunk(_)))
     }
 
-    /// Weight `i` of a layer with one output and no appended inputs.
+    /// Returns weight `i` of `layer`, which must have one output and no appended inputs: the density head.
     fn weight(&self, layer: &Layer, i: usize) -> f32 {
         match self.weights() {
             Weights::Prepared(parameters) | Weights::Transposed(parameters) => parameters[layer.weights + i],
@@ -153,7 +153,8 @@ impl Network<'_> {
 
     /// Backward pass through a layer: `to = start + Wᵀ from` over the columns `inputs` of W (main or appended inputs).
     ///
-    /// `from`: `[outputs][stride]`, `to`: `[inputs][stride]`; `start` is the content of `to` if `accumulate`, else 0.
+    /// `from`: gradient with respect to the layer's outputs before the ReLU, `[outputs][stride]`. `to`: gradient with
+    /// respect to these inputs, `[inputs][stride]`. `start` is the content of `to` if `accumulate`, else 0.
     fn back(
         &self,
         layer: &Layer,
@@ -190,8 +191,7 @@ fn sign_words(layer: &Layer, samples: usize) -> usize {
     (layer.outputs * samples).div_ceil(SIGNS)
 }
 
-/// Writes the ReLU mask of a layer to `signs`: one bit for each output of each sample, row after row, set if the output
-/// is above 0.
+/// Writes the ReLU mask of a layer to `signs`: for each output, one bit per sample, set if the output is above 0.
 ///
 /// `outputs`: the layer's `rows` outputs after the ReLU. If not `paired`: f32, `[rows][stride]`. If `paired`: pairs of
 /// bf16, `[⌈rows / 2⌉][stride]`, each in the bits of one f32. Row `q` then holds outputs `2q` and `2q + 1` of each

@@ -1,4 +1,4 @@
-//! The network: its architecture as data, and its evaluation with borrowed weights.
+//! Architecture and evaluation of the network. `PE(x)` is the encoded position, `PE(d)` the encoded direction.
 //!
 //! ```text
 //! PE(x) ─► trunk: dense+ReLU … (a layer may take [h, PE(x)]) ─► h ─┬─► dense ─► raw_sigma

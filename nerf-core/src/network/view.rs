@@ -35,7 +35,7 @@ pub struct Scratch<'w> {
     pub stride: usize,
     /// Encoded positions or directions; [`Network::encoded_rows`] rows.
     pub encoded: &'w mut [f32],
-    /// Outputs of the layer evaluated last, [`Network::activation_rows`] rows; swapped with `back` after each layer.
+    /// Outputs of the layer just evaluated, [`Network::activation_rows`] rows; swapped with `back` after each layer.
     pub front: &'w mut [f32],
     /// Memory for the outputs of the next layer, [`Network::activation_rows`] rows.
     pub back: &'w mut [f32],
@@ -44,9 +44,8 @@ pub struct Scratch<'w> {
 impl<'a> Network<'a> {
     /// Makes a network without a grid from its architecture and parameters.
     ///
-    /// `None` if the architecture exceeds a limit or has a grid (use [`Network::with_grid`]), or if there are too few
-    /// parameters. A build without vector instructions ([`VECTORS`]) supports only [`Weights::InPlace`], and returns
-    /// `None` for weights in other formats.
+    /// `None` if the architecture exceeds a limit or has a grid (use [`Network::with_grid`]), if parameters are too
+    /// few, or if a build without vector instructions ([`VECTORS`]) gets other weights than [`Weights::InPlace`].
     #[cfg(feature = "train")]
     pub fn new(architecture: &Architecture, weights: Weights<'a>, isa: Isa) -> Option<Self> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
@@ -54,8 +53,8 @@ impl<'a> Network<'a> {
 
     /// Makes a network from its architecture, its parameters and its grid's tables, if any.
     ///
-    /// `None` if the architecture exceeds a limit, or if there are too few parameters or table values. A build without
-    /// vector instructions ([`VECTORS`]) supports only [`Weights::InPlace`], and returns `None` for other formats.
+    /// `None` if the architecture exceeds a limit, if there are too few parameters or table values, or if a build
+    /// without vector instructions ([`VECTORS`]) gets other weights than [`Weights::InPlace`].
     #[cfg(feature = "train")]
     pub fn with_grid(
         architecture: &Architecture,
@@ -68,8 +67,7 @@ impl<'a> Network<'a> {
     }
 
     /// Makes a network from an architecture that is known to be valid. `None` if there are too few parameters or table
-    /// values. A build without vector instructions ([`VECTORS`]) supports only [`Weights::InPlace`], and returns `None`
-    /// for weights in other formats.
+    /// values, or if a build without vector instructions ([`VECTORS`]) gets other weights than [`Weights::InPlace`].
     ///
     /// `layers`: all of [`Architecture::layers`], or only trunk and density head. Without the colour layers,
     /// [`Network::colour`] must not be called.
@@ -159,7 +157,8 @@ impl<'a> Network<'a> {
         self.direction_layer().map_or(0, |layer| layer.outputs)
     }
 
-    /// The layer that takes the encoded direction, as `[h, PE(d)]`; `None` without view dependence.
+    /// The layer whose inputs are the trunk's output and the encoded direction, `[h, PE(d)]`; `None` without view
+    /// dependence.
     fn direction_layer(&self) -> Option<&Layer> {
         self.architecture.direction?;
         self.layers.iter().find(|layer| matches!(layer.role, Role::Colour(0) | Role::Rgb))
@@ -170,9 +169,9 @@ impl<'a> Network<'a> {
         self.direction_layer().map_or(0, |layer| layer.extra * layer.outputs)
     }
 
-    /// Evaluates the part of the colour branch that depends on the direction alone, once per ray: `b + W_d PE(d)`. `b`
-    /// is the bias of the layer that takes `[h, PE(d)]`; `W_d` are the columns of the layer's weights that multiply
-    /// `PE(d)`.
+    /// Evaluates, for a block of ray directions, the part of the colour branch that depends on the direction alone.
+    /// Writes `b + W_d PE(d)` to `out`: `b` is the bias of the layer that takes `[h, PE(d)]`, and `W_d` are the columns
+    /// of the layer's weights that multiply `PE(d)`.
     ///
     /// `dirs`: `[3][stride]`, unit length; `out`: `[direction_rows][stride]`.
     pub fn direction(&self, math: MathBackend, scratch: &mut Scratch<'_>, dirs: &[f32], out: &mut [f32]) {
@@ -182,7 +181,7 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Encodes a block of positions and evaluates the trunk; leaves its output `h` in [`Scratch::front`].
+    /// Encodes a block of positions and evaluates the trunk; leaves the trunk's output `h` in [`Scratch::front`].
     ///
     /// `positions`: `[inputs][stride]`, inside the scene box.
     ///
@@ -194,8 +193,8 @@ impl<'a> Network<'a> {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
 
-    /// Encodes a block of positions and evaluates the trunk; leaves its output `h` in [`Scratch::front`]. Calls `each`
-    /// with every trunk layer and the layer's outputs, after the ReLU.
+    /// Encodes a block of positions and evaluates the trunk; leaves the trunk's output `h` in [`Scratch::front`]. After
+    /// the evaluation of each trunk layer, calls `each` with the layer and the outputs of the layer's ReLU.
     #[inline]
     pub(super) fn trunk_with(
         &self,
@@ -252,8 +251,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Converts the trunk's output `h` in [`Scratch::front`], which the caller wrote as f32, to the input format of the
-    /// colour branch ([`Network::take_rows`]).
+    /// Converts the trunk's output `h` in [`Scratch::front`], in place, to the input format of the colour branch
+    /// ([`Network::take_rows`]). The caller must have written `h` as f32.
     pub(crate) fn take_h(&self, scratch: &mut Scratch<'_>) {
         self.take_rows(self.trunk_rows(), scratch.stride, scratch.front);
     }
@@ -261,7 +260,7 @@ impl<'a> Network<'a> {
     /// Computes the colours of the block whose trunk output `h` is in [`Scratch::front`], and overwrites `h`.
     ///
     /// `direction`: a function that fills the slice passed to it, `[direction_rows][stride]`, with the result of
-    /// [`Network::direction`] for the ray of each sample. Not called without view dependence. `rgb`: `[3][stride]`.
+    /// [`Network::direction`] for each sample's ray; called only if colour depends on direction. `rgb`: `[3][stride]`.
     pub fn colour(
         &self,
         math: MathBackend,

@@ -1,4 +1,4 @@
-//! The parameters of a network in the format of a [`Storage`].
+//! The parameters of a network, in the memory format that a [`Storage`] names.
 
 use super::architecture::{Architecture, Layer, Role, Shading};
 use crate::matrix::{Storage, f16_at, pair};
@@ -11,8 +11,8 @@ pub enum Weights<'a> {
     /// f32, for builds with vector instructions.
     Prepared(&'a [f32]),
     /// f32 as in [`Weights::Prepared`], but with the weights of hidden colour layers transposed, `[inputs][outputs]`.
-    /// For fields shaded once a ray. If the colour branch is evaluated for a single ray, each SIMD vector holds several
-    /// outputs of a layer.
+    /// For fields whose colour branch is evaluated once a ray ([`Shading::PerRay`]): in the evaluation of a single ray,
+    /// each SIMD vector then holds several outputs of a layer.
     Transposed(&'a [f32]),
     /// bf16 weights, made by [`Weights::prepare`]. The bits of one f32 hold the weights of two consecutive inputs of an
     /// output; main and appended inputs are paired separately, and an odd last weight is paired with 0. Biases are f32.
@@ -44,7 +44,7 @@ impl<'a> Weights<'a> {
     }
 
     /// Returns the parameters in the format of `storage`: `bytes` if `storage` reads them directly, else `unpacked`,
-    /// which [`Weights::unpack`] has filled.
+    /// which [`Weights::unpack`] must have filled.
     pub(crate) fn view(
         architecture: &Architecture,
         storage: Storage,
@@ -59,7 +59,7 @@ impl<'a> Weights<'a> {
         }
     }
 
-    /// Unpacks little-endian f16 `bytes` to `memory` in the format of `storage`, which is f32 or bf16.
+    /// Unpacks little-endian f16 `bytes` to `memory` in the format of `storage`, which must be f32 or bf16.
     pub(crate) fn unpack(architecture: &Architecture, storage: Storage, bytes: &[u8], memory: &mut [f32]) {
         unpack(bytes, memory);
         if storage != Storage::Bf16 {
@@ -100,7 +100,7 @@ fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32
     }
 }
 
-/// Unpacks little-endian f16 from `bytes` to fill `parameters`; `bytes` holds at least two bytes per parameter.
+/// Unpacks little-endian f16 from `bytes` to fill `parameters`; `bytes` must hold at least two bytes per parameter.
 pub fn unpack(bytes: &[u8], parameters: &mut [f32]) {
     for (i, parameter) in parameters.iter_mut().enumerate() {
         *parameter = f16_at(bytes, i);

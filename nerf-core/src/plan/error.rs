@@ -1,4 +1,4 @@
-//! Errors of requests that do not fit the scene.
+//! Errors in the settings of a frame.
 
 use super::{Batch, EffectError};
 use crate::blob::MAX_SAMPLES;
@@ -7,7 +7,7 @@ use crate::simd::BLOCK;
 use crate::space::BoundsError;
 
 errors! {
-    /// A request that does not fit the scene.
+    /// A setting of a frame that is invalid, or that the scene or this build does not support.
     PlanError:
     NotAScene => "blob: expected a scene, found a 2D field";
     OccupancyRequired =>
@@ -28,7 +28,7 @@ errors! {
     /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.
     Batch { found: Batch } =>
         "batch: expected 1 to {most} rays and 1 to {BLOCK} samples, found {found:?}", most = Batch::MAX_RAYS;
-    /// Near and far planes between which no valid bins can be made.
+    /// A near and a far distance between which no valid bins can be made.
     Bounds(error: BoundsError) => "{error}";
     /// An effect that is out of range or not in this build.
     Effects(error: EffectError) => "{error}";

@@ -1,4 +1,4 @@
-//! The plan of a frame: its stages, decided from what the scene holds and what the caller requests.
+//! The plan of a frame: all decisions about the rendering, made from the scene's content and the caller's requests.
 //!
 //! This file is longer than 400 lines, since every decision is a field of one [`Plan`].
 
@@ -38,10 +38,8 @@ pub struct Outputs {
     pub z_depth: bool,
     /// Distance along the ray at which the transmittance falls below one half, world units (feature `median`).
     pub median_distance: bool,
-    /// Normals, from the gradient of the density, feature `normals`. Normals cost about [`Architecture::gradient_macs`]
-    /// multiply-adds for each ray that is not empty.
-    ///
-    /// [`Architecture::gradient_macs`]: crate::network::Architecture::gradient_macs
+    /// Normals, from the gradient of the density (feature `normals`). Cost of each ray that is not empty: about
+    /// [`gradient_macs`](crate::network::Architecture::gradient_macs) multiply-adds.
     pub normals: bool,
 }
 
@@ -57,8 +55,8 @@ impl Outputs {
     };
     /// Colour and opacity.
     pub const RGB: Self = Self { rgb: true, opacity: true, ..Self::NONE };
-    /// Colour, opacity and both mean distances: the outputs of every build. Median distance and normals must be
-    /// requested by name.
+    /// Colour, opacity and both mean distances: the outputs that every build supports. Median distance and normals are
+    /// not included, since each needs a feature of the build.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
     /// Whether colour or normals are requested, which are evaluated only at samples that [`Quality::colour_cut`]
@@ -78,7 +76,8 @@ impl Outputs {
 pub struct Batch {
     /// Number of rays that are marched at the same time.
     pub rays: usize,
-    /// Number of samples that the network evaluates together. With vector instructions the network always evaluates 64.
+    /// Number of samples that the network evaluates together, if instructions are portable and weights are read
+    /// directly from the scene file's bytes. Other kernels evaluate blocks of 64 samples.
     pub samples: usize,
 }
 
@@ -110,8 +109,8 @@ pub struct Plan<'a> {
     /// [`Plan::interval`] take such positions.
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
-    /// The bins of a ray. If a proposal network places the samples, only the number of bins is used: the number of
-    /// samples.
+    /// The bins in which a ray's samples lie. If a proposal network places the samples, only the number of these bins
+    /// is used, as the number of samples a ray.
     pub(crate) bins: Bins,
     /// Requested number of samples a ray.
     samples: u16,
@@ -139,7 +138,7 @@ impl<'a> Plan<'a> {
     /// Makes the plan of a frame from what `blob` holds and from the requested settings.
     ///
     /// # Errors
-    /// [`PlanError`] names the setting that does not fit the scene.
+    /// [`PlanError`] names the setting that is invalid, or that the scene or this build does not support.
     pub fn new(
         blob: &Blob<'a>,
         quality: &Quality,
@@ -206,7 +205,7 @@ impl<'a> Plan<'a> {
     /// Returns the plan of the same frame with `quality` in place of this plan's quality settings.
     ///
     /// # Errors
-    /// As [`Plan::new`].
+    /// The errors of [`Plan::new`].
     pub fn at(&self, blob: &Blob<'a>, quality: &Quality) -> Result<Self, PlanError> {
         let plan = Self::new(blob, quality, self.outputs, self.batch)?;
         let plan = if self.lattice == Lattice::Own { plan.with_own_bins() } else { plan };
@@ -409,9 +408,10 @@ impl<'a> Plan<'a> {
         self.near.max(t_min) - start
     }
 
-    /// The interval of the sample at `t`. `t`: distance from the point at distance `start` along the ray, world units;
-    /// in an unbounded scene, position `s` of [`Contraction::distance`]. `ends`: used parts of the ray's first and last
-    /// bin. `t_min`: nearest visible distance of the ray, world units.
+    /// Returns the part of the ray over which the density of the sample at `t` is used. `t`: distance, world units; in
+    /// an unbounded scene, position `s` of [`Contraction::distance`]. `start`: distance along the ray to the point at
+    /// which `t` is 0, world units. `ends`: used parts of the ray's first and last bin. `t_min`: nearest visible
+    /// distance along the ray, world units.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {
         if self.contraction.is_some() {

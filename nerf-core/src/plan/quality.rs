@@ -17,18 +17,18 @@ pub struct Quality {
     /// - `Bins`: bins from near to far. Bins of the same width in front of near and behind far are not counted.
     /// - `Bins` with a proposal network: samples placed by this network. Evaluations of this network are not counted.
     /// - `March`: steps along the diagonal of the scene box.
-    /// - `Contracted`: steps on a ray through the inner ball's middle, from entering the ball to `far` past the middle.
+    /// - `Contracted`: steps on a ray through the inner ball's centre, from the point where the ray enters the ball to
+    ///   the point at distance `far` behind the centre.
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
     /// Sum of compositing weights that must be exceeded before a colour is evaluated. The weights of consecutive
     /// samples are summed along a ray. Once the sum exceeds this cut, the current sample's colour is evaluated and
-    /// counts with the whole sum, and the sum restarts at 0. A cut of 0 evaluates the colour of every sample of weight
+    /// weighted by the whole sum, and the sum restarts at 0. A cut of 0 evaluates the colour of every sample of weight
     /// above 0.
     ///
     /// The same rule selects the samples whose normal is evaluated. With [`Shading::PerRay`](crate::network::Shading)
-    /// the rule selects the samples whose hidden features are composited. Opacity and distances never depend on this
-    /// cut.
+    /// the rule selects the samples whose hidden features are composited. The cut never affects opacity or distances.
     pub colour_cut: f32,
     /// Whether cells that the occupancy grid marks as empty are skipped.
     pub occupancy: bool,
@@ -79,7 +79,7 @@ impl Quality {
     /// The settings of highest PSNR on the blob's Pareto front with at most `ratio` times the multiply-adds of the
     /// exact rendering; of settings with equal PSNR, the cheapest.
     ///
-    /// If every point costs more, returns the cheapest. `None` as with [`Quality::within_loss`].
+    /// If every point costs more, returns the cheapest. `None` in the same cases as [`Quality::within_loss`].
     pub fn within_cost(blob: &Blob<'_>, ratio: f32) -> Option<Choice> {
         let mut affordable = Self::choices(blob).filter(|choice| choice.cost <= ratio);
         let Some(first) = affordable.next() else { return Self::choices(blob).last() };
@@ -171,14 +171,14 @@ impl Default for Quality {
 /// Quality settings from the blob's Pareto front, with their loss and cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
-    /// Quality settings of this point.
+    /// Quality settings of the point of the Pareto front.
     pub quality: Quality,
     /// PSNR of the exact rendering minus PSNR with these settings, both against ground truth, dB; negative for a gain.
     pub loss_db: f32,
     /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
-    /// Whether the settings meet the requested limit. If `false`, either no point of the front does and this point is
-    /// the nearest to the limit, or there was no limit ([`Quality::front`]).
+    /// Whether the settings meet the requested limit. If `false`, either no point of the Pareto front meets the limit
+    /// and these settings are the nearest to the limit, or no limit was requested ([`Quality::front`]).
     pub within: bool,
 }
 

@@ -39,7 +39,7 @@ impl Settings {
     /// Returns the plan of a frame of the scene in `blob` with these settings.
     ///
     /// # Errors
-    /// [`PlanError`] names the setting that does not fit the scene.
+    /// [`PlanError`] names the setting that is invalid, or that the scene or this build does not support.
     pub fn plan<'a>(&self, blob: &Blob<'a>, outputs: Outputs, batch: Batch) -> Result<Plan<'a>, PlanError> {
         let mut plan = Plan::new(blob, &self.quality, outputs, batch)?
             .with_normal_blur(self.normal_blur)?

@@ -34,19 +34,21 @@ pub(crate) struct Span {
     pub start: f32,
     /// Index range of the bins that may contain a sample.
     pub bins: Range<u32>,
-    /// The used parts of the first and the last bin, which the limits of the ray may cut short.
+    /// Where the first and the last bin are cut short by the limits of the sampled part.
     pub ends: Ends,
 }
 
-/// Largest rounding error of a point on a ray, relative to its distance: the errors of the slab test and of `Ray::at`.
+/// Largest rounding error of a point on a ray, divided by the distance of the point along the ray. Covers the errors of
+/// the slab test and of `Ray::at`.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
     /// Returns the part of `ray` that is sampled: inside the box `around` and between the two distances in `range`
     /// ([`Plan::range_of`]). `None` if the part is empty.
     ///
-    /// Moves the ray's origin to the box or, with a contraction, to the point nearest to the centre, so that distances
-    /// of samples are small. The origin stays with [`Lattice::Own`], or if the bins already cover the box.
+    /// Moves the ray's origin to the box (with a contraction: to the ray's point nearest to the centre), so that
+    /// distances of samples are small. Does not move the origin for [`Lattice::Own`], or if the bins already cover the
+    /// box.
     pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;
@@ -119,8 +121,7 @@ pub(crate) struct Spans<T = Row> {
     start: T,
     /// Index of the first bin and index after the last bin. If nothing is sampled, the second is at most the first.
     bins: [T; 2],
-    /// Used parts of the first and the last bin, in the order of [`Ends::parts`]: `start`, `low`, `high`, `far`,
-    /// `stop`.
+    /// Where the first and the last bin are cut short: the values of [`Ends::parts`], in the same order.
     ends: [T; Ends::PARTS],
 }
 
@@ -165,7 +166,7 @@ impl Spans {
         ends: [[0.0; MAX_LANES]; Ends::PARTS],
     };
 
-    /// Returns the sampled part of ray number `i`, which is `ray`; `None` if nothing is sampled.
+    /// Returns the sampled part of ray `i`; `None` if nothing is sampled. `ray`: element `i` of [`SpanAll::rays`].
     #[inline]
     pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
         let at = |row: &Row| row[i % MAX_LANES];
@@ -178,8 +179,7 @@ impl Spans {
     }
 }
 
-/// Computes the sampled parts of up to [`MAX_LANES`] rays through a bounded scene without a proposal network. Results
-/// are bit-identical to [`Span::new`] for each ray.
+/// Computes [`Span::new`] for up to [`MAX_LANES`] rays, bit-identically. For bounded scenes without a proposal network.
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,

@@ -2,7 +2,7 @@
 
 use crate::network::Network;
 
-/// Work of a render, as counts. For a 2D field only `colour_evaluations`, `macs` and `invalid_samples` are counted.
+/// Counts of the work of a render. For a 2D field only `colour_evaluations`, `macs` and `invalid_samples` are counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Number of rays, including rays on which no sample was evaluated.
@@ -19,9 +19,10 @@ pub struct Counters {
     pub proposal_evaluations: u64,
     /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: at most one per sample, or with deferred shading, one per ray.
-    /// Samples along a ray are skipped until the sum of their weights exceeds the colour cut; with several fields,
-    /// until a single weight can exceed the cut. For a 2D field, number of evaluations of the whole network.
+    /// Number of evaluations of the colour branch: at most one per sample, or with deferred shading, one per ray. For a
+    /// 2D field, number of evaluations of the whole network. With one field, a sample is skipped unless the weights of
+    /// the ray's samples since the last evaluation sum to more than the colour cut
+    /// ([`Quality`](crate::plan::Quality)); with several fields, unless the sample's own weight can exceed the cut.
     pub colour_evaluations: u64,
     /// Number of density gradients computed for normals, each by a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,
@@ -41,8 +42,7 @@ impl Counters {
         self.macs += (n * network.architecture().density_macs()) as u64;
     }
 
-    /// Counts `n` evaluations of the colour branch. Adds no multiply-adds for the part that depends on the direction
-    /// alone.
+    /// Counts `n` evaluations of the colour branch, without the multiply-adds that depend on the direction alone.
     pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
         self.colour_evaluations += n as u64;
         self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;

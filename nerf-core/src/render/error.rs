@@ -28,8 +28,8 @@ errors! {
     Memory { expected: usize, found: usize } => "workspace: expected {expected} lines of 64 bytes, found {found}";
     /// The blob's parameters or grid tables do not fit its architecture.
     Network => "network: expected the parameters and tables of its architecture, found others";
-    /// The blob's entropy-coded grid tables cannot be decoded. [`Blob::open`](crate::blob::Blob::open) already refuses
-    /// the blob; [`Blob::open_undecoded`](crate::blob::Blob::open_undecoded) accepts it.
+    /// The blob's entropy-coded grid tables cannot be decoded. [`Blob::open`](crate::blob::Blob::open) refuses such a
+    /// blob; [`Blob::open_undecoded`](crate::blob::Blob::open_undecoded) does not check the tables.
     Tables(error: BlobError) => "{error}";
     /// The image has more pixels than fit into free memory.
     #[cfg(all(feature = "std", not(target_os = "none")))]

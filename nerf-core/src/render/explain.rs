@@ -19,9 +19,9 @@ names! {
         On = "on",
         /// The blob lacks what the stage needs, for example an occupancy grid or a proposal network.
         AbsentInScene = "off: absent in the scene",
-        /// The request has no effect or output that needs the stage.
+        /// No requested effect or output needs the stage.
         NotAskedFor = "off: not asked for",
-        /// The build has no code for the stage, since its cargo feature is off.
+        /// The build has no code for the stage, since the stage's cargo feature is off.
         NotBuilt = "off: not built in",
         /// The request's [`Quality`](crate::plan::Quality) switches the stage off.
         SwitchedOff = "off: switched off by the request",

@@ -1,4 +1,4 @@
-//! A field's network with the plan of a frame, passed to every stage of the frame.
+//! A field's network and the plan of the frame, which are passed together to every stage of the frame.
 
 use crate::network::{Network, PER_RAY_BUILT, Shading};
 use crate::plan::Plan;
@@ -31,7 +31,7 @@ impl Field<'_> {
         PER_RAY_BUILT && self.plan.outputs.rgb && self.network.architecture().shading == Shading::PerRay
     }
 
-    /// Whether colour is requested and the colour branch is evaluated at samples.
+    /// Whether colour is requested and the colour branch is evaluated at samples, not once per ray.
     pub fn shades_samples(&self) -> bool {
         self.plan.outputs.rgb && !self.shades_rays()
     }

@@ -25,10 +25,9 @@ pub(super) struct Frame<'f, 'w> {
 }
 
 impl<'f, 'w> Frame<'f, 'w> {
-    /// Reserves the buffers of all stages in `layout`, which measures or allocates memory. The buffers of [`Pixels`]
-    /// are reserved separately. `around.0`: box around all occupied cells, `None` if no cell is occupied or there is no
-    /// grid. `around.1`: test that finds occupied cells for a whole packet of neighbouring rays, `None` if frames do
-    /// not use the test.
+    /// Reserves the buffers of all stages, except those of [`Pixels`], in `layout`, which measures or allocates memory.
+    /// `around.0`: box around all occupied cells, `None` if no cell is occupied or there is no grid. `around.1`: test
+    /// that finds occupied cells for a whole packet of neighbouring rays, `None` if frames do not use the test.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -56,7 +55,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Returns a function from the camera's position to the output distance of pixels without a surface, world units.
+    /// Returns a function of the camera's position: the distance output for pixels without a surface, world units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)
@@ -117,7 +116,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         true
     }
 
-    /// Computes density and colour at `points`: at most one block of (position, direction) pairs.
+    /// Computes density and colour at `points`, pairs of position and direction. Requires at most one block of points,
+    /// and zeros in `sigma` and `rgb`, since points in empty cells are not written.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)>,

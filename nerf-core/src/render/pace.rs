@@ -14,9 +14,9 @@ mod tests;
 /// Approximate number of pixels rendered to time a frame: few for most images, but enough to fill blocks of samples.
 const SAMPLED_RAYS: u64 = 2048;
 
-/// Measured times of a frame, milliseconds: one time for the settings of each point on a scene's Pareto front.
+/// Measured times of a frame on one thread: one time for the settings of each point on a scene's Pareto front.
 ///
-/// Valid for one host, camera and number of threads. Made by [`Pace::measure`].
+/// Returned by [`Pace::measure`]. Another host or another camera needs a measurement of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
     /// Time of a frame, by the index of the point on the Pareto front; infinity if the point was not measured.

@@ -43,7 +43,7 @@ impl<'w> Buffers<'w> {
     }
 }
 
-/// Renders the rectangle `rect` of an image of `size` pixels (width, height); `workspace` has room for [`Buffers`].
+/// Renders the part `rect` of an image of `size` pixels (width, height); `workspace` must have room for [`Buffers`].
 pub(super) fn render(
     network: &Network<'_>,
     math: MathBackend,

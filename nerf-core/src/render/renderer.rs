@@ -1,4 +1,4 @@
-//! A scene, ready to be rendered with one [`Kernel`]: an instruction set and a storage of weights.
+//! A scene that is ready to be rendered with one [`Kernel`] (an instruction set and a storage format of weights).
 
 use super::error::check_memory;
 use super::field::Field;
@@ -71,7 +71,7 @@ impl<'a> Renderer<'a> {
 
     /// Returns a renderer of `blob` with other parameters for the scene's network. `parameters`: f32 values in the
     /// blob's order. `tables`, if given, replace the blob's grid tables. The proposal network keeps its parameters.
-    /// Used to measure the PSNR lost by rounding.
+    /// Used to measure how much PSNR is lost because stored parameters are rounded.
     ///
     /// Returns `None` if there are too few parameters, in builds without [`VECTORS`](crate::simd::VECTORS), or if the
     /// blob's tables are coded but no `tables` are given.
@@ -91,7 +91,7 @@ impl<'a> Renderer<'a> {
         Some(Self { blob, network, proposer, occupied })
     }
 
-    /// The scene's blob.
+    /// The blob that the renderer was made from.
     pub fn blob(&self) -> &Blob<'a> {
         &self.blob
     }
@@ -244,11 +244,11 @@ impl<'a> Renderer<'a> {
 
 /// Copies of those values of a scene that a kernel cannot read directly from the blob's bytes.
 ///
-/// `F` is the type that holds f32 values, `B` the type that holds bytes: slices of the caller's memory or boxes. To
-/// measure memory, `F` and `B` are counts. If nothing must be copied, counts are 0, and slices and boxes are empty.
+/// `F` is a buffer of f32 values, `B` a buffer of bytes: slices of the caller's memory, or boxes. A buffer is empty if
+/// nothing must be copied to it. [`Prepared::measure`] returns the buffers' lengths (`usize`) as `F` and `B`.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
-    /// Parameters of network and proposal network, f32 or paired bf16 ([`Weights::Paired`]), and f16 tables as f32.
+    /// In order: network parameters, proposal network parameters (f32 or bf16, [`Weights::Paired`]), f16 tables as f32.
     pub unpacked: [F; 3],
     /// Decoded copy of entropy-coded grid tables: each byte holds the bits of one i8 value.
     pub decoded: B,

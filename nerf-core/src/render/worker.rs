@@ -82,8 +82,8 @@ impl<'f> Worker<'f> {
     /// branch is evaluated once per ray, at the mean of `h` weighted by the field's shares. The ray's colour is the
     /// mean of the fields' colours, each weighted by the sum of the field's shares.
     ///
-    /// A single field that is not scaled is rendered in its own coordinates, at the cost of [`Renderer::worker`]. At
-    /// [`Placement::IDENTITY`] the pixels are also bit-identical to those of a worker made by [`Renderer::worker`].
+    /// A single field that is not scaled is rendered in its own coordinates, as fast as by a worker made by
+    /// [`Renderer::worker`]. At [`Placement::IDENTITY`], the pixels are also bit-identical to those of that worker.
     ///
     /// # Errors
     /// [`RenderError::NoInstances`] if `instances` is empty. [`RenderError::Instance`] with the index of the first
@@ -205,7 +205,7 @@ impl<'f> Worker<'f> {
     }
 
     /// Renders rays as [`Worker::render_rays`] does, but takes them from a function: `ray(i)` returns the `i`-th of
-    /// `count` rays, the same at every call.
+    /// `count` rays, and must return the same ray in all calls with the same `i`.
     ///
     /// # Errors
     /// As [`Worker::render_rays`].
@@ -269,7 +269,8 @@ impl<'f> Worker<'f> {
         self.sample_rays_with(rays.len(), &|i| ray_at(rays, i), &number, axis, target)
     }
 
-    /// Draws collisions as [`Worker::sample_rays`] does. `ray(i)` returns ray `i`, and `random(i)` its number.
+    /// Draws collisions as [`Worker::sample_rays`] does. `ray(i)` returns ray `i`, and `random(i)` the random number of
+    /// ray `i`; each function must return the same value in all calls with the same `i`.
     ///
     /// # Errors
     /// As [`Worker::sample_rays`].

@@ -77,7 +77,7 @@ impl Bins {
         Self { ends, ..*self }
     }
 
-    /// Cuts the bins for a ray that ends at `far` and uses only `start..stop`; also returns the range of bins used.
+    /// Cuts the bins for a ray sampled up to `far`, of which only `start..stop` is used; also returns the bins used.
     ///
     /// `far` cuts the last bin and moves its samples in front of `far`. `start` and `stop` cut only widths and leave
     /// the samples in place, so that a sample's contribution is continuous in `start` and `stop`. Bins that are not cut
@@ -254,7 +254,7 @@ impl Bins {
     }
 
     /// The bins that may have a point in `enter..=exit`. The range is a superset: it is larger by a few bins at each
-    /// end, or by many if bins are narrower than the spacing of f32 at the end of all bins.
+    /// end, or by many if bins are narrower than the spacing of f32 at the end of the last bin.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let rounding = self.rounding();
         // `as` saturates, and converts NaN to 0.
@@ -264,8 +264,7 @@ impl Bins {
     }
 }
 
-/// Rounds down to an integer and clamps to `0..=2^23`, the integers that [`Lanes::to_indices`] accepts. A NaN becomes
-/// 0.
+/// Rounds down and clamps to `0..=2^23`, the integers that [`Lanes::to_indices`] accepts. A NaN becomes 0.
 #[inline(always)]
 fn whole<V: Lanes>(x: V) -> V {
     x.max_of(V::splat(0.0)).min_of(V::splat(8_388_608.0)).floor()

@@ -23,8 +23,8 @@ const WEIGHT_FLOOR: f32 = 1e-5;
 ///
 /// # Source
 /// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`), with its weight floor and its union with
-/// the coarse samples. Deviations: the middles of the strata, not `linspace(0, 1)`, so that no sample lies at an end;
-/// the bins' own edges, which here equal the midpoints between samples.
+/// the coarse samples. Deviations: deterministic samples are at the middles of strata, not at `linspace(0, 1)`, so that
+/// none lies at an end; the distribution has the bins' edges, which equal the midpoints between coarse samples.
 ///
 /// # Accuracy
 /// The distribution function at the returned `t` has an error of 4 ulp of 1, plus the effect of rounding `t` itself.

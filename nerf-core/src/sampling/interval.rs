@@ -1,4 +1,4 @@
-//! The sample interval, and the point in space of a sample.
+//! The interval of a ray that a sample represents, and the sample's point in space.
 
 use super::{Bins, Ends};
 use crate::simd::Lanes;

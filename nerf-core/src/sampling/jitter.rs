@@ -1,4 +1,4 @@
-//! Jitter: positions of a ray's samples inside their bins.
+//! Jitter: random positions of a ray's samples inside their bins.
 
 use super::Bins;
 use super::random::{Purpose, pixel_stream, uniform};

@@ -31,7 +31,7 @@ pub(crate) struct OccupancyLanes<'a, V> {
 
 impl<V: Lanes> OccupancyLanes<'_, V> {
     /// Bit `i` of the result: whether the point in lane `i` lies in an occupied cell. `points`: x, y and z of the
-    /// points, which must be inside the box.
+    /// points; a point outside the box is looked up in the nearest cell.
     #[inline(always)]
     pub fn occupied(&self, points: [V; 3]) -> u32 {
         let mut cells = points;
@@ -71,7 +71,7 @@ impl<'a> OccupancyGrid<'a> {
 
     /// Whether the cell that contains `p` is occupied; `false` outside the box.
     ///
-    /// The box is closed, as in [`SceneBox::contains`]: a point on its largest face belongs to the last cell.
+    /// The box is closed, as in [`SceneBox::contains`]: a point at the box's maximum along an axis is in the last cell.
     #[inline]
     pub fn occupied(&self, p: Vec3) -> bool {
         self.cell_of(p).is_some_and(|cell| self.bit(self.index_of(cell)))
@@ -177,7 +177,7 @@ impl<'a> OccupancyGrid<'a> {
         })
     }
 
-    /// Number of blocks of `side` cells along x, y, z; the last blocks may have fewer cells.
+    /// Number of blocks along x, y, z. A block has `side` cells along each axis; the last blocks may have fewer.
     pub(crate) fn blocks(&self, side: u16) -> [u16; 3] {
         self.resolution.map(|cells| cells.div_ceil(side))
     }
@@ -195,7 +195,7 @@ impl<'a> OccupancyGrid<'a> {
         });
     }
 
-    /// Calls `found` with x, y, z of each occupied cell.
+    /// Calls `found` with the indices x, y, z of each occupied cell.
     #[inline]
     fn each_occupied(&self, mut found: impl FnMut([usize; 3])) {
         let [_, ny, nz] = self.resolution.map(usize::from);

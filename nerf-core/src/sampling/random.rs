@@ -6,7 +6,7 @@
 pub enum Purpose {
     /// Initial values of the trained parameters.
     Parameters = 1,
-    /// Choice of the image of a training ray.
+    /// Choice of the photograph of a training ray.
     Image = 2,
     /// Choice of the pixel of a training ray.
     Pixel = 3,
@@ -22,12 +22,12 @@ pub enum Purpose {
     Aperture = 8,
     /// Russian roulette: choice of the samples of low weight that are trained on.
     Faint = 9,
-    /// Direction and spacing of a line's pixels, for training's smoothness loss.
+    /// Direction and spacing of a line of pixels, whose rays are trained with the smoothness loss.
     Line = 10,
 }
 
-/// Returns 32 random bits: number `index` of the stream that `seed`, `purpose` and `stream` identify. `stream`: for
-/// example a training step or a pixel.
+/// Returns 32 random bits: value `index` of the sequence that `seed`, `purpose` and `stream` identify. `stream`: for
+/// example the number of a training step or of a pixel.
 ///
 /// # Source
 /// SplitMix64's finaliser (Steele, Lea and Flood 2014) over the mixed counters.
@@ -51,7 +51,7 @@ fn mix(mut z: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The random stream of a pixel, independent of image, tile and thread.
+/// Number of a pixel's random stream ([`uniform_u32`]), the same in every image, tile and thread.
 pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
     u64::from(y) << 32 | u64::from(x)
 }

@@ -15,17 +15,17 @@ pub struct F32x8(__m256);
 /// Runs `op` with eight lanes.
 ///
 /// # Safety
-/// The CPU has AVX2, FMA and F16C, and the OS saves their registers.
+/// The caller must ensure that the CPU has AVX2, FMA and F16C, and that the OS saves the `ymm` registers.
 #[target_feature(enable = "avx2,fma,f16c")]
 pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x8>()
 }
 
-/// Runs `op` with portable lanes in `ymm` registers. Multiply-adds are not fused, so that results equal those of
-/// `Portable` bit for bit.
+/// Runs `op` with the vector type [`Portable`], compiled for AVX2. Multiply-adds are not fused, so that results equal
+/// those of [`Portable`] without AVX2 bit for bit.
 ///
 /// # Safety
-/// The CPU has AVX2, and the OS saves its registers.
+/// The caller must ensure that the CPU has AVX2, and that the OS saves the `ymm` registers.
 #[target_feature(enable = "avx2")]
 pub unsafe fn run_portable<O: Op>(op: O) -> O::Output {
     op.run::<Portable>()

@@ -15,7 +15,7 @@ pub struct F32x16(__m512);
 /// Runs `op` with sixteen lanes.
 ///
 /// # Safety
-/// The CPU has AVX-512 F, and the OS saves its registers.
+/// The caller must ensure that the CPU has AVX-512 F, and that the OS saves the `zmm` and mask registers.
 #[target_feature(enable = "avx512f")]
 pub unsafe fn run<O: Op>(op: O) -> O::Output {
     op.run::<F32x16>()

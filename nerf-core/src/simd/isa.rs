@@ -5,7 +5,7 @@ use super::{MAX_LANES, Op};
 use crate::names::names;
 
 names! {
-    /// The instruction set that the inner loops use, ordered from slowest to fastest on one machine.
+    /// Instruction set that the inner loops use. Of the variants that one machine supports, a later one is faster.
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Isa {
@@ -17,7 +17,7 @@ names! {
         /// AVX-512 F, sixteen lanes.
         Avx512 = "avx512",
         /// WebAssembly SIMD, four lanes, without fused multiply-adds: results are bit-identical to `Portable`.
-        /// Available if the build has the target feature `simd128`, since a module cannot detect it.
+        /// Available if the build has the target feature `simd128`: a module cannot query the engine's instructions.
         Simd128 = "simd128",
         /// NEON, four lanes, fused multiply-adds; every 64-bit ARM processor has NEON.
         Neon = "neon",
@@ -69,8 +69,8 @@ impl Isa {
     /// Whether f16 tables are read directly from the scene file's bytes. If not, a new renderer converts these tables
     /// to f32 once.
     ///
-    /// WebAssembly converts, since it has no instruction for f16. Portable code has none either, but reads f16:
-    /// conversion would double the tables' memory to save 2 % of a frame's time (`docs/kernels.md`).
+    /// `Simd128` requires conversion, since WebAssembly has no f16 instruction. `Portable` has none either, but reads
+    /// f16: conversion would double the tables' memory to save 2 % of a frame's time (`docs/kernels.md`).
     pub const fn reads_f16_tables(self) -> bool {
         !matches!(self, Self::Simd128)
     }

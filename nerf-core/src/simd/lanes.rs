@@ -43,9 +43,9 @@ impl Indices for u32 {
 pub trait Lanes: Copy + sealed::Sealed {
     /// Number of lanes, a divisor of [`MAX_LANES`].
     const COUNT: usize;
-    /// Rows of the product `C` in a register tile of the matrix multiplication.
+    /// Largest number of rows of `C` in a register tile of the matrix product `C = init + A B`.
     const TILE_ROWS: usize;
-    /// Vectors per row of the product `C` in a register tile of the matrix multiplication.
+    /// Largest number of vectors per row of `C` in a register tile of the matrix product.
     const TILE_COLS: usize;
     /// Result of a comparison: true or false for each lane.
     type Mask: Copy;
@@ -76,9 +76,9 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn div(self, b: Self) -> Self;
     /// `self * b + c`: fused with AVX2, AVX-512 and NEON, two roundings with other instruction sets.
     fn mul_add(self, b: Self, c: Self) -> Self;
-    /// The larger value: `self` if `self > b`, else `b`, so that a NaN in `b` stays.
+    /// The larger value: `self` if `self > b`, else `b`. If either value is NaN, the result is `b`.
     fn max_of(self, b: Self) -> Self;
-    /// The smaller value: `self` if `self < b`, else `b`, so that a NaN in `b` stays.
+    /// The smaller value: `self` if `self < b`, else `b`. If either value is NaN, the result is `b`.
     fn min_of(self, b: Self) -> Self;
     /// The square root, correctly rounded.
     fn sqrt(self) -> Self;
@@ -92,7 +92,7 @@ pub trait Lanes: Copy + sealed::Sealed {
         let nearest = self.round_even();
         Self::select(self.less(nearest), nearest.sub(Self::splat(1.0)), nearest)
     }
-    /// `2^self` for an integer in `-126..=127`.
+    /// `2^self` for each lane. Each lane must be an integer in `-126..=127`.
     fn exp2_integer(self) -> Self;
     /// Splits each positive normal number into mantissa and exponent `(m, e)`: `self = m 2^e`, `m` in `[√½, √2)`.
     fn split_exponent(self) -> (Self, Self);
@@ -100,10 +100,10 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn equals(self, b: Self) -> Self::Mask;
     /// Mask of the lanes with `self < b`.
     fn less(self, b: Self) -> Self::Mask;
-    /// `a` in the lanes of the mask, `b` in the others.
+    /// `a` in the lanes where `mask` is true, `b` in the other lanes.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
-    /// Converts integers in `0..=2^23` to `u32`, the indices of table entries.
+    /// Converts each lane to `u32`, to be used as an index. Each lane must be an integer in `0..=2^23`.
     fn to_indices(self) -> Self::Indices;
 
     /// Rounds each lane to the nearest f16, ties to even; values too large for a finite f16 become infinite.

@@ -18,8 +18,8 @@ macro_rules! instructions {
     )+};
 }
 
-/// Defines the methods of [`Lanes`] that access memory, for vectors of `$count` f32. The intrinsics `$load` and
-/// `$store` accept any alignment. Tables are interpolated by [`Quads`].
+/// Defines `COUNT`, `load`, `store` and `weighted_rows` of [`Lanes`] for a vector type of `$count` f32, which must
+/// implement [`Quads`]. The intrinsics `$load` and `$store` must accept any alignment.
 macro_rules! lanes_in_memory {
     ($count:literal, $load:ident, $store:ident) => {
         const COUNT: usize = {
@@ -54,13 +54,13 @@ macro_rules! lanes_in_memory {
 }
 pub(super) use {instructions, lanes_in_memory};
 
-/// Vector operations from which [`weighted_rows`] is built. A vector consists of groups of four lanes; every lane has
-/// rows of its own. Each of four passes sums the rows of one lane per group: during pass `LANE`, the four lanes of a
-/// group hold four neighbouring values of the rows of the group's lane `LANE`.
+/// Vector operations from which [`weighted_rows`] is built. A vector consists of groups of four lanes. Each lane has
+/// its own table rows to sum. Pass `LANE` (0 to 3) sums the rows of lane `LANE` of every group. During this pass, the
+/// four lanes of a group hold four neighbouring values of one of these rows.
 pub trait Quads: Lanes {
     /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether sums are stored to memory, so that the compiler does not hoist the loads of the next pass above a sum.
+    /// Whether the sums of a pass are stored to memory, so that the loads of the next pass are not moved before them.
     const SUMS_IN_MEMORY: bool = false;
     /// Offset of a table value, for each lane.
     type Offsets: Copy;
@@ -69,7 +69,7 @@ pub trait Quads: Lanes {
     /// Loads four neighbouring values for lane `LANE` of each group, beginning `plus` values after that lane's offset.
     ///
     /// # Safety
-    /// All four values are inside the table, for each group.
+    /// The four values of each group must lie inside the table.
     unsafe fn read_four<T: Value, const LANE: usize>(
         table: Table<'_, T>,
         at: &Self::Offsets,
@@ -111,8 +111,8 @@ pub fn weighted_rows<V: Quads, T: Value, const ROWS: usize>(
     [a, b, c, d, e, f, g, h]
 }
 
-/// Four weighted sums for each lane. Sum `i` adds up the values at `offset + plus + i` for all `offsets`, each times
-/// its weight.
+/// Returns four weighted sums for each lane. Sum `i` is `Σ weight · values[offset + plus + i]` over the lane's
+/// `offsets` and `weights`.
 #[inline(always)]
 fn four<V: Quads, T: Value, const ROWS: usize>(
     table: Table<'_, T>,

@@ -45,7 +45,7 @@ pub use table::{Table, Value};
 /// Number of lanes of the widest vector of any instruction set.
 pub const MAX_LANES: usize = 16;
 
-/// Number of samples in a block, which are evaluated together; the same for every instruction set.
+/// Number of samples or rays in a block. A block is processed as a whole. Equal for every instruction set.
 pub const BLOCK: usize = 64;
 
 /// A loop that can be compiled for every instruction set.

@@ -1,6 +1,6 @@
 //! Portable implementation of the vectors: sixteen lanes of plain f32, without fused multiply-adds.
 //!
-//! Results equal those of one lane at a time bit for bit; the compiler vectorises the loops over lanes.
+//! Results equal those of the one-lane vector `f32` bit for bit. The compiler vectorises the loops over lanes.
 
 use super::{Indices, Lanes};
 use core::array::from_fn;

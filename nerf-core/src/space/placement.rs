@@ -24,7 +24,7 @@ errors! {
     #[derive(Eq)]
     PlacementError:
     NotFinite => "expected a rotation, one scale and a translation, found a number that is not finite";
-    /// The scale is not in `[1e-9, 1e9]`, as in a singular matrix.
+    /// The scale, which is the mean length of the first three columns, is not in `[1e-9, 1e9]`.
     Singular => "expected a rotation, one scale and a translation, found a scale that is not in [1e-9, 1e9]";
     Sheared =>
         "expected a rotation, one scale and a translation, found axes of different lengths or not at right angles";

@@ -6,8 +6,8 @@ use crate::math::{MathBackend, with_math};
 
 /// Composites samples along one ray into colour, opacity and distance, as in a frame with the maths backend `math`.
 ///
-/// `sigma`: `[n]`, 1/world unit, >= 0. `rgb`: `[n]`. `t_edges`: `[n + 1]`, world units, ascending. The distance of a
-/// sample is the middle of its bin. A sample whose density is NaN or whose colour is not finite counts as empty.
+/// `sigma`: `[n]`, 1/world unit, >= 0. `rgb`: `[n]`. `t_edges`: `[n + 1]`, world units, ascending: edges of the bins.
+/// Each sample lies at the middle of its bin and is empty if its density is NaN or its colour is not finite.
 /// `z_depth` equals `ray_distance`, since a single ray has no view axis. Median distance and normal stay 0.
 ///
 /// # Errors

@@ -69,7 +69,7 @@ pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 
     }
 }
 
-/// Outputs of one pixel, composited along its ray. With several rays per pixel, means over the rays.
+/// Outputs of one pixel, composited along its ray. If a pixel has several rays, each output is a mean over the rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pixel {
     /// Colour over the background, display-encoded unless the frame's [`Tone`](crate::plan::Tone) is linear; 0 if not
@@ -185,9 +185,9 @@ impl Accumulator {
         ray
     }
 
-    /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin. A collision adds opacity 1 at its
-    /// distance. The caller has already added the bin's optical thickness to the state. `before`: result of
-    /// [`Accumulator::optical_thickness`] in front of the bin; `-before` is the thickness left to the collision.
+    /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin. If so, adds opacity 1 and the
+    /// distance of the collision. The caller must already have added the bin's optical thickness. `before`: result of
+    /// [`Accumulator::optical_thickness`] in front of the bin; `-before` is the thickness from there to the collision.
     /// `sigma` (not 0), `t`, `delta`: the bin's density (1/world unit), middle and width (world units along the ray).
     #[inline]
     pub(crate) fn collide(&mut self, before: f32, sigma: f32, t: f32, delta: f32) -> bool {
@@ -199,12 +199,12 @@ impl Accumulator {
         collides
     }
 
-    /// Returns the sum of the weights of samples without a colour and resets it to 0. If the sum is at most `cut`,
-    /// returns `None` and keeps the sum. The caller evaluates the colour of the last sample and passes it to
-    /// [`Accumulator::add_colour`] with the returned sum.
+    /// Returns the sum of the weights of samples without a colour and resets the sum to 0. If the sum is at most `cut`,
+    /// returns `None` and keeps the sum. For a returned sum, the caller must evaluate the last sample's colour and call
+    /// [`Accumulator::add_colour`] with sum and colour, or call [`Accumulator::colour_all`] at the end of the ray.
     ///
-    /// Samples of low weight thus get the colour of the next evaluated sample. Together, samples without a colour weigh
-    /// at most `cut`. With a cut of 0 the result is the last sample's own weight.
+    /// Samples of low weight thus get the colour of the next evaluated sample. Samples left without a colour have a
+    /// total weight of at most `cut`. If `cut` is 0 at every call, the result is the last sample's own weight.
     #[inline]
     pub fn take_uncoloured(&mut self, cut: f32) -> Option<f32> {
         (self.uncoloured > cut).then(|| core::mem::take(&mut self.uncoloured))
@@ -259,7 +259,7 @@ impl Accumulator {
 
     /// Adds the next sample, at `t`, with its colour and returns its weight.
     ///
-    /// Same as [`Accumulator::add_density`] and then [`Accumulator::add_colour`], without a colour cut.
+    /// Same as [`Accumulator::add_density`] and then [`Accumulator::add_colour`] with the returned weight.
     #[cfg(feature = "train")]
     #[inline]
     pub(crate) fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {

@@ -4,9 +4,9 @@ use super::mean_direction;
 use crate::math::Sum;
 use glam::Vec3;
 
-/// The sum of a ray's normals, front to back: `Σ weight · −∇sigma/|∇sigma|`.
+/// Weighted sum of the normals of a ray's samples, `Σ weight · −∇sigma/|∇sigma|`, added up from front to back.
 ///
-/// Each gradient is divided by its length, so only its direction matters.
+/// The normal of a sample is the unit vector opposite to the density gradient `∇sigma`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct NormalSum([Sum; 3]);
 
@@ -14,7 +14,7 @@ impl NormalSum {
     /// The sum of a ray without samples.
     pub const NONE: Self = Self([Sum::ZERO; 3]);
 
-    /// Adds a sample of this `weight` and density gradient.
+    /// Adds the normal of a sample, multiplied by the sample's `weight`. `gradient`: density gradient at the sample.
     ///
     /// A gradient that is 0 or not finite adds nothing.
     #[inline]

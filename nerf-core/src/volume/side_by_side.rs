@@ -1,5 +1,5 @@
-//! Compositing of several rays at once: the state of [`Accumulator`](super::Accumulator) without colour, one row per
-//! value and one column per ray.
+//! Compositing of several rays at once. The state is a table with one row for each value of
+//! [`Accumulator`](super::Accumulator), except colour, and one column for each ray.
 
 use super::{MAX_TAU, alpha, light};
 use crate::math::Math;
@@ -8,18 +8,17 @@ use crate::simd::{BLOCK, Lanes};
 pub(crate) const ROWS: usize = 8;
 /// The compositing state of a block of rays, `[row][ray]`.
 pub(crate) type Rows = [[f32; BLOCK]; ROWS];
-/// Row of the sum of optical thickness. The row after each of `TAU`, `OPACITY` and `DISTANCE` holds that sum's rounding
-/// error.
+/// Row of the sum of optical thickness. The row after `TAU`, `OPACITY` or `DISTANCE` holds that sum's rounding error.
 const TAU: usize = 0;
 const OPACITY: usize = 2;
 const DISTANCE: usize = 4;
-/// Row of the sum of the weights of samples without a colour. The next row, `LEFT`, holds the transmittance.
+/// Row of the sum of the weights of the samples since the last added colour. The next row, `LEFT`, holds transmittance.
 const UNCOLOURED: usize = 6;
 pub(crate) const LEFT: usize = 7;
 
 /// Composites the density of one sample on each of several rays: lane `i` of each vector belongs to the ray in column
-/// `from + i` of `rows`. Returns for each ray the sum of the weights of samples without a colour, and resets this sum
-/// to 0. If the sum is at most `cut`, returns 0 and keeps the sum. The results are those of `Accumulator::add_density`
+/// `from + i` of `rows`. If a ray's sum in row `UNCOLOURED` is then above `cut`, returns this sum in the ray's lane and
+/// resets the sum in `rows` to 0; else returns 0 and keeps the sum. The results are those of `Accumulator::add_density`
 /// and then `Accumulator::take_uncoloured`, called for each ray.
 ///
 /// `sigma`: 1/world unit, a NaN is treated as 0; `t`, `delta`: world units along the ray.

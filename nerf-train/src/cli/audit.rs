@@ -2,12 +2,11 @@ use super::common::{Global, check_counts, open_blob, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::{View, reads_data};
+use crate::data::View;
 use crate::measure::audit::{self, AuditOptions, Summary, THRESHOLD_DB};
 use crate::measure::bench::Variants;
 use crate::measure::point::Clock;
 use crate::show::table::Table;
-use crate::system::output::claims::Claims;
 use crate::system::progress::Progress;
 use crate::system::summary::write;
 use anyhow::bail;
@@ -26,8 +25,8 @@ pub struct Audit {
     file: PathBuf,
     /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
-    /// Threshold on PSNR, dB: a component is worth its time if it raises PSNR by at least this. A component that saves
-    /// over 10 % of multiply-adds is worth its time unless it lowers PSNR by this much.
+    /// A component is worth its time if it raises PSNR by at least this, dB; or if it saves over 10 % of multiply-adds
+    /// and does not lower PSNR by this much.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.
@@ -87,7 +86,7 @@ impl Audit {
         }
         check_threshold(self.effect_threshold)?;
         places::check_report(self.report.as_ref())?;
-        let claims = reads_data(Claims::default(), &self.data).reads("the blob", &self.file);
+        let claims = self.data_options.claims(&*self.data).reads("the blob", &self.file);
         Ok(claims.writes_folder("--report", self.report.as_deref()).settle()?)
     }
 }

@@ -1,15 +1,20 @@
 use super::common::{Global, print_lines};
-use super::options::data::{DataOptions, print_report};
+use super::options::data::{DataOptions, Space, print_report};
+use super::options::settings::{SetOption, read_config};
 use super::places;
 use crate::capture::check::Diagnosis;
 use crate::data::pictures::file::is_picture_name;
-use crate::data::{self, Downscale, reads_data};
+use crate::data::{self, Dataset, Downscale};
+use crate::fit::run::RunOptions;
+use crate::lab::cross_validation::CrossValidation;
+use crate::model::config::Preset;
 use crate::show::cameras::{checked, page};
-use crate::system::memory;
-use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
 use crate::system::summary::write;
+use crate::system::{memory, stop};
+use crate::train::schedule::Budget;
 use clap::Args;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -30,15 +35,35 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train check holiday_poses
-  nerf-train check holiday_poses -o out/check --json")]
+  nerf-train check holiday_poses -o out/check --cross-validate
+  nerf-train fit holiday_poses -o holiday.nerf --leave-out out/check/unpredicted.txt")]
 pub struct Check {
     /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
-    /// Output folder: check.html (cameras in 3D, coloured by findings), summary.json.
+    /// Output folder: check.html (cameras in 3D, coloured by findings), summary.json, unpredicted.txt.
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Also fit the scene 8 times, each time without other photographs, and name the photographs that such fits predict
+    /// worst (unpredicted.txt). STEPS: training steps of a fit, 4000 if not given.
+    #[arg(
+        long,
+        value_name = "STEPS",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "4000",
+        requires = "output"
+    )]
+    cross_validate: Option<u32>,
     #[command(flatten)]
     data_options: DataOptions,
+}
+
+#[derive(Serialize)]
+struct Summary<'d> {
+    #[serde(flatten)]
+    diagnosis: &'d Diagnosis,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_validation: Option<CrossValidation>,
 }
 
 impl Check {
@@ -46,22 +71,52 @@ impl Check {
         if let Some(folder) = &self.output {
             places::check_folder("-o", folder)?;
         }
-        let claims = reads_data(Claims::default(), &self.data);
+        let claims = self.data_options.claims(&*self.data);
         claims.writes_folder("-o", self.output.as_deref()).settle()?;
         self.say_size(global)?;
         let mut dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         let diagnosis = Diagnosis::of(&dataset);
         let mut lines: Vec<String> = diagnosis.lines().map(str::to_owned).collect();
+        let mut cross_validation = None;
+        if let (Some(steps), Some(folder)) = (self.cross_validate, &self.output) {
+            let Some(found) = self.cross_validated(&dataset, steps, global)? else {
+                global.interrupted("interrupted: nothing is written");
+                return Ok(stop::status());
+            };
+            let file = folder.join("unpredicted.txt");
+            write_atomic(&file, (found.unpredicted.join("\n") + "\n").as_bytes())?;
+            lines.push(found.finding(&file));
+            cross_validation = Some(found);
+        }
+        let summary = Summary { diagnosis: &diagnosis, cross_validation };
         if let Some(folder) = &self.output {
             let html = folder.join("check.html");
             let range = (self.data_options.near, self.data_options.far);
             let scene = checked(&mut dataset, &diagnosis, range)?;
             write_atomic(&html, page::page(&scene)?.as_bytes())?;
-            write(&diagnosis, folder)?;
+            write(&summary, folder)?;
             lines.push(html.display().to_string());
         }
-        global.finish_with(&diagnosis, || print_lines(lines))
+        global.finish_with(&summary, || print_lines(lines))
+    }
+
+    /// Cross-validates the photographs of `dataset`, in fits of `steps` steps with the preset's other settings.
+    fn cross_validated(
+        &self,
+        dataset: &Dataset,
+        steps: u32,
+        global: &Global,
+    ) -> anyhow::Result<Option<CrossValidation>> {
+        let around = Space::Auto.around(dataset.background, false);
+        let mut config = read_config(Preset::Grid, None, &SetOption::default(), around)?;
+        config.sampling.near = self.data_options.near.or(config.sampling.near);
+        config.sampling.far = self.data_options.far.or(config.sampling.far);
+        config.optimiser.steps = steps;
+        config.check()?;
+        let budget = Budget { steps: Some(steps), seconds: None };
+        let options = RunOptions::unattended(budget, global.kernel(), global.style());
+        CrossValidation::of(dataset.clone(), &config, &options, &|_| stop::requested())
     }
 
     /// Reports the expected time and memory of a check of [`MANY`] or more photographs, unless `--downscale` is given.

@@ -57,7 +57,7 @@ pub struct Global {
     /// Number of threads [default: all cores].
     #[arg(long, global = true, value_name = "N")]
     pub threads: Option<usize>,
-    /// Compute kernel: avx512, avx2, neon or portable, with suffix -f16 or -bf16 for 16-bit weights [default: fastest].
+    /// Compute kernel: avx512, avx2, neon or portable, with suffix -f16 or -bf16 for 16-bit weights [default: fastest without suffix].
     #[arg(long, global = true, value_name = "KERNEL", env = "NERF_KERNEL", hide_env_values = true, value_parser = parse_kernel)]
     pub kernel: Option<Kernel>,
 }

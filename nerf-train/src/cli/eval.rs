@@ -3,13 +3,12 @@ use super::options::data::DataOptions;
 use super::options::quality::{QualityOptions, WhichBins};
 use super::places;
 use crate::data::names::FileNames;
-use crate::data::{Dataset, RefinedPoses, View, reads_data};
+use crate::data::{Dataset, RefinedPoses, View};
 use crate::fit::run::spread;
 use crate::measure::eval::{EvalOptions, Evaluation, own_background};
 use crate::measure::frame;
 use crate::measure::surfaces::Surfaces;
 use crate::show::table::Table;
-use crate::system::output::claims::Claims;
 use crate::system::progress::Progress;
 use crate::system::summary::write;
 use anyhow::{Context, bail, ensure};
@@ -105,7 +104,8 @@ impl Eval {
     pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         check_counts([("--every", self.every)])?;
         places::check_report(self.report.as_ref())?;
-        reads_data(Claims::default(), &self.data)
+        self.data_options
+            .claims(&*self.data)
             .reads("the blob", &self.file)
             .writes_folder("--report", self.report.as_deref())
             .settle()?;

@@ -2,13 +2,12 @@ use super::common::{Global, check_counts, open_blob, parse_numbers, read_file};
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::{View, origin_in_name, reads_data};
+use crate::data::{View, origin_in_name};
 use crate::show::export::{
     Field, Lattice, Mesh, Summary, Surface, mesh, points_of_surface, points_of_views, volume, write_glb,
     write_npz, write_obj, write_ply,
 };
 use crate::system::memory;
-use crate::system::output::claims::Claims;
 use crate::system::progress::{Progress, Total};
 use crate::system::summary::Short;
 use anyhow::bail;
@@ -79,7 +78,7 @@ enum Kind {
 
 /// Memory per cell during mesh extraction, bytes: density, three optical depths of 16 bits, and vertices.
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
-/// Memory per cell of a volume, bytes: density (4) and colour (3), each as values, as bytes and as an archive.
+/// Memory per cell of a volume, bytes: three copies (values, their bytes, archive) of density (4) and colour (3).
 const BYTES_PER_CELL: u64 = 3 * 7;
 const BYTES_PER_POINT: u64 = 36;
 
@@ -153,7 +152,7 @@ impl Export {
                 bail!("{flag}: says nothing of {}: expected it to be left out", kind.described(of_views));
             }
         }
-        let claims = reads_data(Claims::default(), self.data.as_deref()).reads("the blob", &self.file);
+        let claims = self.data_options.claims(self.data.as_deref()).reads("the blob", &self.file);
         claims.writes("-o", &self.output).settle()?;
         Ok(kind)
     }

@@ -7,7 +7,7 @@ use super::options::grid::{TableSettings, check_memory, given, parse_bytes, set}
 use super::options::settings::{SetOption, read_config};
 use super::places;
 use crate::capture::check::Diagnosis;
-use crate::data::{Background, Dataset, is_blank, reads_data, refined};
+use crate::data::{Background, Dataset, is_blank, refined};
 use crate::fit::finish::Outcome;
 use crate::fit::run::{Ended, RunOptions, interrupted, run_since};
 use crate::fit::size::{self, Chosen};
@@ -45,7 +45,7 @@ pub struct Fit {
     /// Training steps [default: the preset's; unlimited with --max-seconds].
     #[arg(long, value_name = "N")]
     steps: Option<u32>,
-    /// Preset: grid (learned hash grid), small (small sinusoidal network), seed (classic NeRF, 8 layers of 256).
+    /// Preset: grid (learned hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
     /// TOML file of settings that override the preset (see `config`).
@@ -68,7 +68,7 @@ pub struct Fit {
     /// Validation views that --snapshots renders, by index from 0 [default: two views].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train only on group N, from 1. If photographs contradict each other, `check` divides them into groups.
+    /// Train only on group N of those, counted from 1, into which `check` divides photographs with contradicting poses.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]
@@ -233,8 +233,8 @@ impl Fit {
         Ok(fitted)
     }
 
-    /// Returns `config`, adapted if this run is long. A resumed run is long if its checkpoint has a long run's grid,
-    /// any other run by its limits ([`detail::is_long`]). `chosen`: settings that the user gave; these do not change.
+    /// Returns `config`, adapted to a long run if this run is long. A resumed run is long if its checkpoint has a long
+    /// run's grid; a new run is long if [`detail::is_long`] says so. `chosen`: the user's settings, left unchanged.
     fn for_length(config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
         let long = detail::for_long_run(config.clone(), chosen);
         let is_long = match options.resumed_grid()? {
@@ -245,7 +245,7 @@ impl Fit {
     }
 
     fn claims(&self) -> Claims {
-        let inputs = reads_data(Claims::default(), &self.data);
+        let inputs = self.data_options.claims(&*self.data);
         let claims = self.conduct.claims(inputs.reads("the file of settings", self.config.as_deref()));
         match &self.live {
             Some(folder) => {

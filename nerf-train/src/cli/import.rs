@@ -17,7 +17,7 @@ use std::process::ExitCode;
 
 /// Number of views to evaluate without `--view`.
 const VIEWS: usize = 10;
-/// Number of views whose encoded ray directions are averaged, for a network without view dependence.
+/// Maximum number of views over whose rays the encoded direction is averaged, to remove the view dependence.
 const RAY_VIEWS: usize = 50;
 
 /// Convert a nerf-pytorch checkpoint to a scene file.
@@ -30,7 +30,7 @@ const RAY_VIEWS: usize = 50;
     nerf-train import lego_200k_fine.npz -o lego.nerf --coarse lego_200k_coarse.npz --background white\n  \
     nerf-train import lego.safetensors -o lego.nerf --angle-scale pi --samples 64 --occupancy grid96.npy")]
 pub struct Import {
-    /// Checkpoint (.npz or .safetensors).
+    /// Checkpoint: its tensors as .npz or .safetensors.
     #[arg(value_name = "CKPT")]
     checkpoint: PathBuf,
     /// Output scene file (.nerf).
@@ -60,8 +60,8 @@ pub struct Import {
     /// Occupancy grid with which the network was trained: .npy, booleans [x, y, z] over the scene box.
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
-    /// The grid of --occupancy only saves time, and the network is right outside it. Without this flag, the grid is
-    /// part of the scene.
+    /// The grid of --occupancy only saves time: the network is correct without it. Without this flag, cells that are
+    /// false in the grid are empty space.
     #[arg(long, requires = "occupancy")]
     occupancy_optional: bool,
     /// Build no occupancy grid; rendering then skips no empty space.

@@ -29,7 +29,7 @@ use clap::{ArgAction, CommandFactory, Parser, Subcommand};
 use std::collections::BTreeMap;
 use std::process::ExitCode;
 
-/// The command line: one command, and the options of every command.
+/// Command line: a command with its own options, and the options that all commands share.
 #[derive(Debug, Parser)]
 #[command(
     name = "nerf-train",
@@ -99,7 +99,7 @@ pub(crate) fn interrupted(message: &str) {
     common::tell(message);
 }
 
-/// As [`interrupted`]; also prints `message` as the only JSON object on stdout.
+/// Calls [`interrupted`], then prints `message` as the field `error` of the only JSON object on stdout.
 pub(crate) fn interrupted_json(message: &str) {
     interrupted(message);
     print_error(message);
@@ -165,7 +165,7 @@ pub fn main() -> ExitCode {
 mod tests {
     use super::*;
 
-    /// Returns the arguments after `program` in a shell line, up to a comment or redirection; `None` without `program`.
+    /// Returns the arguments after `program` in a shell line, up to a comment or redirection; `None`: no `program`.
     fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
         let (_, arguments) = line.split(['#', '>']).next()?.split_once(program)?;
         Some(arguments.split_whitespace().collect())

@@ -3,10 +3,9 @@ use super::eval::Split;
 use super::options::UpAxis;
 use super::options::data::{DataOptions, Space, print_report};
 use super::places;
-use crate::data::{Background, reads_data};
+use crate::data::Background;
 use crate::model::config::{Config, Preset};
 use crate::show::cameras::{Request, Scene, Summary, page};
-use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
 use crate::system::progress::Progress;
 use crate::system::summary::write;
@@ -46,7 +45,7 @@ pub struct Show {
     /// Training step whose rays are shown.
     #[arg(long, value_name = "N", default_value_t = 0)]
     step: u32,
-    /// Preset: grid (learned hash grid), small (small sinusoidal network), seed (classic NeRF, 8 layers of 256).
+    /// Preset: grid (learned hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
     /// Seed of the random choices in training, which select the rays [default: the preset's].
@@ -92,7 +91,7 @@ impl Show {
                 "--samples: expected none with --preset grid, whose rays are marched at a fixed step; expected --preset small or seed"
             );
         }
-        reads_data(Claims::default(), &self.data).writes_folder("-o", &self.output).settle()?;
+        self.data_options.claims(&*self.data).writes_folder("-o", &self.output).settle()?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);
         let views = self.split.of(&dataset);

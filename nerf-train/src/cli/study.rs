@@ -2,13 +2,12 @@ use super::common::{Global, background_name, check_counts, cpu_name, open_blob, 
 use super::eval::Split;
 use super::options::data::DataOptions;
 use super::places;
-use crate::data::{View, reads_data};
+use crate::data::View;
 use crate::lab::study::{Effort, Progressed, Study as Measured};
 use crate::measure::bench::Variants;
 use crate::measure::bench::source::unrounded;
 use crate::measure::point::Clock;
 use crate::show::reports::study::{Findings, Setting, front_of};
-use crate::system::output::claims::Claims;
 use crate::system::output::write_atomic;
 use crate::system::progress::Progress;
 use anyhow::bail;
@@ -131,7 +130,9 @@ impl Study {
     }
 
     fn claims(&self, output: Option<&Path>) -> anyhow::Result<()> {
-        let mut claims = reads_data(Claims::default(), &self.data)
+        let mut claims = self
+            .data_options
+            .claims(&*self.data)
             .reads("the checkpoint", self.source.as_deref())
             .writes_folder("--report", self.report.as_deref());
         if let Some(output) = output {

@@ -4,7 +4,6 @@ use super::options::ShardOption;
 use super::options::data::{DataOptions, Space, print_report};
 use super::options::settings::{SetOption, read_config};
 use super::places;
-use crate::data::reads_data;
 use crate::lab::sweep::{Combinations, Folder, Job, Knob, Mode, Point, Runner};
 use crate::model::config::Preset;
 use crate::model::picture_config::FieldPreset;
@@ -159,7 +158,7 @@ pub struct ImageSweep {
     photo: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Preset: grid (learned hash grid), classic (sinusoidal network), sharp (classic with one layer more, trained
+    /// Preset: grid (learned hash grid), classic (sinusoidal encoding), sharp (classic with one layer more, trained
     /// longer) [default: grid; classic with --levels, --layers or --width].
     #[arg(long, value_enum, hide_possible_values = true)]
     preset: Option<FieldPreset>,
@@ -191,7 +190,7 @@ pub struct SceneSweep {
     data: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Preset: grid (learned hash grid), small (small sinusoidal network), seed (classic NeRF, 8 layers of 256) [default: grid; small with --levels, --layers, --width or --samples].
+    /// Preset: grid (learned hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256) [default: grid; small with --levels, --layers, --width or --samples].
     #[arg(long, value_enum, hide_possible_values = true)]
     preset: Option<Preset>,
     /// TOML file of settings that override the preset (see `config`).
@@ -225,7 +224,7 @@ pub struct SceneSweep {
 impl SceneSweep {
     fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
         self.max_seconds.iter().try_for_each(|&seconds| check_max_seconds(Some(seconds)))?;
-        let claims = reads_data(Claims::default(), &self.data);
+        let claims = self.data_options.claims(&*self.data);
         self.lists.claim(claims.reads("the file of settings", self.config.as_deref()))?;
         let dataset = self.data_options.read(&self.data, global)?;
         print_report(&dataset, global);

@@ -46,6 +46,7 @@ use glam::DVec3;
 use nerf_core::camera::{Camera, Pose};
 use nerf_core::space::BoundsError;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Posed pictures of one scene, by split, in the project's conventions.
@@ -116,6 +117,28 @@ impl Dataset {
             self.val = std::mem::take(&mut self.test);
         }
         instead
+    }
+
+    /// Removes the photographs with these `names` from all splits. On an error, the data set is unchanged.
+    ///
+    /// # Errors
+    /// If a name is that of no photograph, or if no training photograph would be left.
+    pub fn leave_out(&mut self, names: &BTreeSet<&str>) -> Result<(), DatasetError> {
+        let fault = |expected: &str, found: &str| {
+            Err(DatasetError::value(Path::new(&self.name), "names to leave out", expected, found))
+        };
+        let views = || [&self.train, &self.val, &self.test].into_iter().flatten();
+        if let Some(unknown) = names.iter().find(|name| !views().any(|view| view.name == **name)) {
+            return fault("names of photographs", unknown);
+        }
+        let is_left_out = |view: &View| names.contains(&*view.name);
+        if !self.train.is_empty() && self.train.iter().all(is_left_out) {
+            return fault("some training photographs to be left", "the names of all");
+        }
+        for views in [&mut self.train, &mut self.val, &mut self.test] {
+            views.retain(|view| !is_left_out(view));
+        }
+        Ok(())
     }
 
     /// Sets the origin to which all coordinates are already relative; states this origin in the name and in a note.

@@ -2,7 +2,7 @@
 
 use crate::model::quantise::{levels, scale_of, steps};
 use nerf_core::blob::encode_tables;
-use nerf_core::encoding::GridEncoding;
+use nerf_core::encoding::{GridEncoding, GridLevel};
 
 /// Number of candidate quantisation steps per octave: neighbours differ by a factor of 2^(1/16).
 const TO_AN_OCTAVE: i32 = 16;
@@ -34,32 +34,65 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     };
     match most_bytes {
         None => scaled(OWN),
-        Some(most) => scaled(finest_within(FINEST, |octaves| {
-            encoded(grid, &rounded(grid, values, &scaled(octaves))).len() <= most
-        })),
+        Some(most) => {
+            scaled(finest_within(FINEST, most, grid, |octaves| rounded(grid, values, &scaled(octaves))))
+        }
     }
 }
 
-/// Returns the least number from `least` to [`COARSEST`] for which the monotonic `fits` is true, else [`COARSEST`].
-fn finest_within(least: i32, fits: impl Fn(i32) -> bool) -> i32 {
-    let (mut low, mut high) = (least, COARSEST);
+/// Returns the least exponent from `least` to [`COARSEST`] with which coded tables take at most `most` bytes, else
+/// [`COARSEST`]. `rounded`: the rounded values for an exponent.
+///
+/// Coding takes 30 times as long as computing the [`entropy`]. The search therefore begins at the exponent whose entropy,
+/// scaled to the bytes of one coding, is `most`, and moves away from it in steps that double.
+fn finest_within(least: i32, most: usize, grid: &GridEncoding, rounded: impl Fn(i32) -> Vec<u8>) -> i32 {
+    let exponents: Vec<i32> = (least..COARSEST).collect();
+    let by_entropy = |bytes: f64| {
+        let first = exponents.partition_point(|&i| entropy(grid, &rounded(i)) > bytes);
+        least + first.min(exponents.len() - 1) as i32
+    };
+    let bytes = |i: i32| encoded(grid, &rounded(i)).len();
+    let first = by_entropy(most as f64);
+    let mut at = by_entropy(most as f64 * entropy(grid, &rounded(first)) / bytes(first) as f64);
+    let (mut low, mut high, mut step) = (least, COARSEST, 1);
     while low < high {
-        let middle = low + (high - low).div_euclid(2);
-        if fits(middle) {
-            high = middle;
+        if bytes(at) <= most {
+            high = at;
         } else {
-            low = middle + 1;
+            low = at + 1;
         }
+        at = match (low > least, high < COARSEST) {
+            (true, true) => low + (high - low) / 2,
+            (true, false) => (low + step - 1).min(high - 1),
+            (false, _) => (high - step).max(low),
+        };
+        step *= 2;
     }
     high
 }
 
+/// Returns the entropy of `values`, bytes, if each level's values were independent.
+fn entropy(grid: &GridEncoding, values: &[u8]) -> f64 {
+    let features = usize::from(grid.features);
+    let of_level = |level: GridLevel| {
+        let mut counts = [0_u32; 256];
+        for &value in &values[level.first * features..][..level.entries * features] {
+            counts[usize::from(value)] += 1;
+        }
+        let total = (level.entries * features) as f64;
+        let bits = |&count: &u32| f64::from(count) * (total / f64::from(count)).log2();
+        counts.iter().filter(|&&count| count > 0).map(bits).sum::<f64>() / 8.0
+    };
+    grid.levels().map(of_level).sum()
+}
+
 /// Returns each value as a signed byte: the value divided by its level's quantisation step in `scales`, rounded.
 pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Vec<u8> {
-    let of_level = |(values, &scale): (_, &f32)| {
-        <[f32]>::iter(values).map(move |&value| steps(value, scale) as i8 as u8)
-    };
-    levels(grid, values).zip(scales).flat_map(of_level).collect()
+    let mut rounded = Vec::with_capacity(values.len());
+    for (values, &scale) in levels(grid, values).zip(scales) {
+        rounded.extend(values.iter().map(|&value| steps(value, scale) as i8 as u8));
+    }
+    rounded
 }
 
 /// Entropy-codes `values` with the quantisation steps `given`. If the result exceeds `most_bytes`, multiplies all steps
@@ -74,8 +107,11 @@ pub(super) fn coded(
         given.iter().map(|scale| scale * (octaves as f32 / TO_AN_OCTAVE as f32).exp2()).collect()
     };
     let bytes = |scales: &[f32]| encoded(grid, &rounded(grid, values, scales));
-    let fits = |octaves| most_bytes.is_none_or(|most| bytes(&coarser(octaves)).len() <= most);
-    let scales = coarser(if fits(0) { 0 } else { finest_within(1, fits) });
+    let (whole, most) = (bytes(given), most_bytes.unwrap_or(usize::MAX));
+    if whole.len() <= most {
+        return (whole, given.to_vec());
+    }
+    let scales = coarser(finest_within(1, most, grid, |octaves| rounded(grid, values, &coarser(octaves))));
     (bytes(&scales), scales)
 }
 
@@ -134,111 +170,4 @@ fn occupied(resolution: [u16; 3], bits: &[u8]) -> impl Iterator<Item = [usize; 3
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::model::quantise::{Quantised, Rounding, TableStorage, values_of};
-    use nerf_core::blob::StoredTables;
-
-    fn grid() -> GridEncoding {
-        let resolutions = [[4, 4, 4], [9, 9, 9], [20, 20, 20]].into_iter().collect();
-        GridEncoding { inputs: 3, features: 2, log2_entries: 11, resolutions }
-    }
-
-    fn values(grid: &GridEncoding) -> Vec<f32> {
-        (0..grid.values()).map(|i| ((i * 7919 % 1009) as f32 / 504.0 - 1.0).powi(3)).collect()
-    }
-
-    fn stored(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>, given: &[f32]) -> Quantised {
-        Quantised::new(grid, values, Rounding { storage: TableStorage::Coded, most_bytes }, given)
-            .expect("finite")
-    }
-
-    fn error(grid: &GridEncoding, values: &[f32], stored: StoredTables<'_>) -> f64 {
-        let read = values_of(grid, stored);
-        values.iter().zip(&read).map(|(a, b)| f64::from(a - b).powi(2)).sum()
-    }
-
-    #[test]
-    fn coded_tables_take_as_many_bytes_as_they_may_and_no_more() {
-        let grid = grid();
-        let values = values(&grid);
-        let mut errors = Vec::new();
-        for most in [100, 500, 1500, 3000, 4000] {
-            let coded = stored(&grid, &values, Some(most), &[]);
-            let bytes = coded.stored().bytes().len();
-            assert!(bytes <= most && (most == 100 || 10 * bytes > 9 * most), "{most}: {bytes}");
-            errors.push(error(&grid, &values, coded.stored()));
-        }
-        assert!(errors.is_sorted_by(|a, b| a > b), "{errors:?}");
-        // If the limit is large enough, the steps are those of int8 storage.
-        let roomy = stored(&grid, &values, Some(1 << 20), &[]);
-        let int8 = Quantised::new(&grid, &values, TableStorage::Int8, &[]).expect("finite");
-        assert_eq!(roomy.stored().scales(), int8.stored().scales());
-        assert_eq!(values_of(&grid, roomy.stored()), values_of(&grid, int8.stored()));
-        assert!(roomy.stored().bytes().len() < int8.stored().bytes().len());
-    }
-
-    #[test]
-    fn given_scales_stay_unless_more_bytes_come_of_them_than_there_may_be() {
-        let grid = grid();
-        let values = values(&grid);
-        let given = scales(&grid, &values, Some(3000));
-        let of = |coded: &Quantised| -> Vec<f32> {
-            let scales = coded.stored().scales().expect("scales").as_chunks().0;
-            scales.iter().map(|&scale| f32::from_le_bytes(scale)).collect()
-        };
-        for most in [None, Some(3000)] {
-            assert_eq!(of(&stored(&grid, &values, most, &given)), given);
-        }
-        let coarser = stored(&grid, &values, Some(2000), &given);
-        assert!(coarser.stored().bytes().len() <= 2000);
-        let found = of(&coarser);
-        let by = found[0] / given[0];
-        assert!(
-            by > 1.0 && found.iter().zip(&given).all(|(a, b)| (a / b / by - 1.0).abs() < 1e-5),
-            "{found:?}"
-        );
-    }
-
-    #[test]
-    fn zeros_and_one_large_value_fit_into_few_bytes() {
-        let grid = grid();
-        let mut values = vec![0.0; grid.values()];
-        for large in [0.0, 1e-30, 65_504.0] {
-            values[100] = large;
-            let coded = stored(&grid, &values, Some(100), &[]);
-            assert!(coded.stored().bytes().len() <= 100, "{large}");
-        }
-    }
-
-    #[test]
-    fn values_around_an_occupied_cell_are_kept_and_those_that_no_sample_reads_are_0() {
-        let grid = grid();
-        let values = vec![1.0; grid.values()];
-        // Only cell (2, 5, 0) of 8³ is occupied. It spans 0.25 to 0.375, 0.625 to 0.75 and 0 to 0.125 of the box.
-        let mut bits = vec![0; 64];
-        let cell: usize = (2 * 8 + 5) * 8;
-        bits[cell / 8] |= 1 << (cell % 8);
-        let kept = without_unread(&grid, &values, [8; 3], &bits);
-        let first = grid.levels().next().expect("a level");
-        for z in 0..5u32 {
-            for y in 0..5u32 {
-                for x in 0..5u32 {
-                    // The first level has 4 cells per axis. Measured in these cells, the occupied cell spans 1 to 1.5,
-                    // 2.5 to 3 and 0 to 0.5. The margin for rounding adds the vertices x = 0 and y = 4.
-                    let inside = (0..=2).contains(&x) && (2..=4).contains(&y) && z <= 1;
-                    let entry = (first.row(y, z) + x) as usize;
-                    assert_eq!(
-                        kept[2 * entry..2 * entry + 2],
-                        [f32::from(u8::from(inside)); 2],
-                        "{x} {y} {z}"
-                    );
-                }
-            }
-        }
-        // If all cells are occupied, the dense first two levels keep every entry. If none is, every entry becomes 0.
-        let shared = grid.levels().nth(2).expect("three levels").first * 2;
-        assert_eq!(without_unread(&grid, &values, [8; 3], &[0xff; 64])[..shared], values[..shared]);
-        assert!(without_unread(&grid, &values, [8; 3], &[0; 64]).iter().all(|&value| value == 0.0));
-    }
-}
+mod tests;

@@ -2,6 +2,7 @@
 
 use crate::made::Folder;
 use crate::{fails, fit_grid, ok};
+use nerf_train::data::demo::{self, DemoSpec};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -110,4 +111,59 @@ fn photographs_that_were_exchanged_are_found() {
         !group.contains(&name.to_str().expect("UTF-8"))
     });
     assert!(wrong.count() <= 3, "{groups:?}");
+}
+
+#[test]
+fn photographs_that_the_others_do_not_predict_are_listed_and_left_out() {
+    let folder = Folder::new();
+    // Of sixteen photographs one is the negative of what it should be.
+    let spec = DemoSpec { train: 14, val: 2, size: 16, ..DemoSpec::default() };
+    let mut scene = demo::dataset(&spec).expect("a scene");
+    scene.train[5].pixels.iter_mut().for_each(|[r, g, b, _]| [*r, *g, *b] = [255 - *r, 255 - *g, 255 - *b]);
+    let data = folder.npz_of("scene.npz", &scene, |_| {});
+    let (out, list) = (folder.path("out"), folder.path("out/unpredicted.txt"));
+    let said = ok(["check", &data, "-o", &out, "--cross-validate=60", "--json", "-q"]);
+    let found: Value = serde_json::from_str(&said).expect("JSON");
+    let found = &found["cross_validation"];
+    let held_out: Vec<(&str, f64)> = found["held_out"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .map(|score| (score["view"].as_str().expect("a name"), score["psnr_db"].as_f64().expect("dB")))
+        .collect();
+    assert_eq!((held_out.len(), &found["steps"]), (16, &Value::from(60)));
+    assert!(held_out.is_sorted_by(|a, b| a.1 <= b.1), "{held_out:?}");
+    let text = std::fs::read_to_string(&list).expect("a list");
+    let names: Vec<&str> = text.lines().collect();
+    assert!((1..=4).contains(&names.len()), "{names:?}");
+    assert_eq!(found["unpredicted"], serde_json::json!(names));
+    assert!(names.iter().zip(&held_out).all(|(name, (worst, _))| name == worst), "{names:?}");
+    assert_eq!(names[0], "images_train[5]", "{held_out:?}");
+
+    // A fit without them is another one, and a name that is not there is none.
+    let (all, some) = (folder.path("all.nerf"), folder.path("some.nerf"));
+    ok(fit_grid(&data, &all, &["--steps", "20"]));
+    let fitted = crate::run(fit_grid(&data, &some, &["--steps", "20", "--leave-out", &list]));
+    let said = format!("{} photographs left out", names.len());
+    assert!(fitted.code == Some(0) && fitted.err.contains(&said), "{}", fitted.err);
+    assert_ne!(std::fs::read(&all).expect("a blob"), std::fs::read(&some).expect("a blob"));
+    let left_out = |list: &str, words: &[&str]| {
+        let none = folder.path("none.nerf");
+        fails(fit_grid(&data, &none, &["--steps", "20", "--leave-out", list]), words);
+        assert!(!Path::new(&none).exists());
+    };
+    let strange = folder.file("strange.txt", "images_train[3]\nnobody\n");
+    left_out(&strange, &["strange.txt", "expected names of photographs", "nobody"]);
+    let every: Vec<String> = (0..14).map(|view| format!("images_train[{view}]")).collect();
+    left_out(&folder.file("every.txt", every.join("\n")), &["every.txt", "left", "the names of all"]);
+    left_out(&folder.file("binary.txt", [255, 254]), &["binary.txt"]);
+    left_out(&folder.path("absent.txt"), &["absent.txt"]);
+    // What is read is never written to.
+    fails(fit_grid(&data, &list, &["--leave-out", &list]), &["--leave-out", "-o"]);
+    assert_eq!(std::fs::read_to_string(&list).expect("a list"), text);
+
+    let few = folder.npz("few.npz");
+    fails(["check", &few, "-o", &out, "--cross-validate"], &["--cross-validate", "at least 16", "found 8"]);
+    fails(["check", &data, "--cross-validate"], &["--output"]);
+    fails(["check", &data, "-o", &out, "--cross-validate=0"], &["steps"]);
 }

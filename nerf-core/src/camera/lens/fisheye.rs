@@ -94,8 +94,8 @@ impl Lens {
         None
     }
 
-    /// Returns the angle between `low` and `high`, radians, at which the lens folds. Found by bisection: the slope that
-    /// [`Self::angle_seen`] returns is above [`FOLD`] at `low`, but not at `high`.
+    /// Returns the angle between `low` and `high`, radians, at which the lens folds, found by bisection. The caller
+    /// ensures that the slope from [`Self::angle_seen`] is above [`FOLD`] at `low`, but not at `high`.
     fn last_rising(&self, mut low: f32, mut high: f32) -> f32 {
         for _ in 0..24 {
             let middle = 0.5 * (low + high);

@@ -19,12 +19,12 @@ mod tests;
 /// k6 r⁶)`, an ideal (undistorted) point `(x, y)` is seen at `(x', y')`, where
 /// `x' = x radial + 2 p1 x y + p2 (r² + 2x²)` and `y' = y radial + p1 (r² + 2y²) + 2 p2 x y`.
 ///
-/// [`Projection::Fisheye`]: a direction `θ` radians off the axis is seen `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)` from
-/// the principal point, on the side to which the direction points; `k5 k6 p1 p2` are 0.
+/// [`Projection::Fisheye`]: a direction `θ` radians off the axis is seen at distance `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ +
+/// k4 θ⁸)` from the principal point, on the side to which the direction points. `k5 k6 p1 p2` must be 0.
 ///
 /// # Source
-/// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP: `k1 k2 p1 p2` are the parameters of OPENCV, all eight
-/// coefficients are the parameters of FULL_OPENCV, and `k1 k2 k3 k4` of a fisheye are the parameters of OPENCV_FISHEYE.
+/// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP. Coefficients in COLMAP's camera models: `k1 k2 p1 p2`
+/// in OPENCV, all eight in FULL_OPENCV, and `k1 k2 k3 k4` of a fisheye in OPENCV_FISHEYE.
 #[derive(Clone, Copy, Default, PartialEq)]
 #[allow(missing_docs, reason = "the formulas say what each coefficient is")]
 pub struct Lens {
@@ -51,7 +51,7 @@ pub enum Projection {
 }
 
 impl Lens {
-    /// The lens without distortion.
+    /// The perspective lens without distortion.
     pub const NONE: Self = Self {
         k1: 0.0,
         k2: 0.0,

@@ -6,9 +6,9 @@ use glam::{Vec2, Vec3};
 /// The lens folds where one of two quantities is at most this: the distortion's slope along a line from the axis, or
 /// the determinant of the distortion's Jacobian. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
-/// The lens also counts as folded if the distortion's slope along a line from the axis has a minimum of at most this,
-/// even if the minimum is above [`FOLD`]. The reason is that a step of Newton's method may cross a low minimum
-/// (measured: minima up to 0.01).
+/// Limit, above [`FOLD`], for a minimum of the distortion's slope along a line from the axis. The lens also counts as
+/// folded if the slope has a minimum of at most this. The reason is that a step of Newton's method may jump across the
+/// point of a low minimum (measured: minima up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -47,15 +47,15 @@ impl Lens {
     /// - Fisheye: [`Lens::direction`], scaled so that its forward component is 1; `None` if that direction does not
     ///   point forward.
     ///
-    /// With a perspective lens, also `None` if the residual is still above 1e-6 after the last step. If a coordinate
+    /// For a perspective lens, also `None` if the residual is still above 1e-6 after the last step. If a coordinate
     /// exceeds 1 in magnitude, this limit is multiplied by the largest magnitude. Past a fold, one image point shows
     /// two directions, so that the model has no inverse.
     ///
     /// # Domain
     /// The seen points `(xd, yd)` around the axis up to the fold. If `k1 < 0` and all other coefficients are 0, these
-    /// points fill, to within a hundredth, a circle of radius `2/3 / √(−3 k1)`. If `k1, k2 >= 0` and all other
-    /// coefficients are 0, there is no fold, and 20 steps suffice if the seen point is at most 10 times as far from the
-    /// axis as the ideal point. For other lenses success cannot be predicted:
+    /// points fill a circle of radius `2/3 / √(−3 k1)`, except for at most the outer hundredth of the radius. If
+    /// `k1, k2 >= 0` and all other coefficients are 0, there is no fold, and 20 steps suffice if the seen point is at
+    /// most 10 times as far from the axis as the ideal point. For other lenses success cannot be predicted:
     /// [`Camera::new`](crate::camera::Camera::new) tries a grid of image points.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
@@ -90,7 +90,7 @@ impl Lens {
     }
 
     /// The direction (right, down, forward) that is seen at `(xd, yd)`, not normalised; `None` if the inverse of the
-    /// distortion is not found. With a fisheye, the direction need not point forward.
+    /// distortion is not found. The direction of a fisheye may point backward.
     pub fn direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         match self.projection {
             Projection::Fisheye => self.fisheye_direction(xd, yd),
@@ -160,17 +160,17 @@ impl Lens {
     }
 
     /// Upper bound on the operator norm of [`Self::jacobian`] minus the identity, anywhere within `r` of the axis.
+    /// Valid for lenses with `k3 k4 k5 k6` all 0.
     ///
-    /// The slope of the radial part minus 1 is `3 k1 r² + 5 k2 r⁴` along the radius, and `k1 r² + k2 r⁴` perpendicular
-    /// to it. The tangential part's Jacobian is `2 (p·q) I + 2 (p qᵀ + q pᵀ)` with `p = (p2, p1)` and `q` the point.
+    /// The radial part's slope differs from 1 by `3 k1 r² + 5 k2 r⁴` along the radius, and by `k1 r² + k2 r⁴` across
+    /// the radius. The tangential part's Jacobian at point `q` is `2 (p·q) I + 2 (p qᵀ + q pᵀ)` with `p = (p2, p1)`.
     pub(super) fn bend(&self, r: f32) -> f32 {
         let r2 = r * r;
         r2 * (3.0 * self.k1.abs() + 5.0 * self.k2.abs() * r2) + 6.0 * (self.p1.abs() + self.p2.abs()) * r
     }
 
     /// Whether the distortion is provably weak. [`Self::undistort`] then finds the ideal point of every point seen
-    /// within `radius` of the axis, and no fold lies between the axis and the ideal point: a camera's lens needs no
-    /// further check.
+    /// within `radius` of the axis, and no fold lies between the axis and the ideal point: no further check is needed.
     ///
     /// Proof: let `seen` be a point within `radius` of the axis, and let `b = bend(9/7 radius)` be at most 1/8
     /// ([`Self::bend`]). The map `x ↦ seen − (distort(x) − x)`, whose fixed point is the ideal point, contracts the
@@ -186,8 +186,8 @@ impl Lens {
             && self.bend(9.0 / 7.0 * radius) <= 0.125
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`; `None` if [`Lens::direction`] finds none. With
-    /// `from_axis`, also `None` if the lens folds between the axis and the direction.
+    /// The direction (right, down, forward) that is seen at `(xd, yd)`; `None` if [`Lens::direction`] finds none. If
+    /// `from_axis` is true, also `None` if the lens folds between the axis and the direction.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         let dir = self.direction(xd, yd)?;
         let folds = || match self.projection {
@@ -201,9 +201,9 @@ impl Lens {
         (!from_axis || !folds()).then_some(dir)
     }
 
-    /// Whether Newton's method may start at the seen point `(xd, yd)`. The caller knows that this point is further from
-    /// the axis than the solution. True if no fold lies between the axis and the start, and the first step cannot jump
-    /// across the axis.
+    /// Whether Newton's method may start at the seen point `(xd, yd)`: no fold lies between the axis and this point,
+    /// and the first step cannot jump across the axis. The caller ensures that this point is further from the axis than
+    /// the solution.
     fn starts_well(&self, xd: f32, yd: f32) -> bool {
         let (fx, fy) = self.distort(xd, yd);
         let (ex, ey) = (fx - xd, fy - yd);

@@ -1,4 +1,4 @@
-//! Replaces `model.rs` in builds without the feature `lens`: no lens distorts.
+//! Replaces `model.rs` in builds without the feature `lens`, which do not support lens distortion.
 
 use super::Lens;
 use glam::Vec3;
@@ -7,19 +7,19 @@ impl Lens {
     /// Whether this build supports lens distortion.
     pub(crate) const BUILT: bool = false;
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`: `(xd, yd, 1)`, not normalised.
+    /// Direction (right, down, forward) that is seen at the normalised image coordinates `(xd, yd)`: `(xd, yd, 1)`.
     #[inline(always)]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         Vec3::new(xd, yd, 1.0)
     }
 
-    /// Whether the distortion is weak: always true, since no lens distorts.
+    /// Whether the distortion is weak: always true, since this build does not support lens distortion.
     #[inline(always)]
     pub(crate) fn is_gentle(&self, _radius: f32) -> bool {
         true
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`: `(xd, yd, 1)`, not normalised.
+    /// Returns the direction that [`Lens::straighten`] returns, never `None`: no inverse of a distortion is needed.
     #[inline(always)]
     pub(crate) fn invert(&self, xd: f32, yd: f32, _from_axis: bool) -> Option<Vec3> {
         Some(Vec3::new(xd, yd, 1.0))

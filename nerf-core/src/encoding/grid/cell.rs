@@ -39,7 +39,7 @@ pub(super) struct Cells<V: Lanes> {
 
 impl<V: Lanes> Cells<V> {
     /// Finds the cells that contain the positions `unit`, 0 to 1 on each axis. A position on a face between two cells
-    /// is in the cell with the larger index. A position on the largest face of the box is in the last cell.
+    /// is in the cell with the larger index. A coordinate of 1 is in the last cell along its axis.
     #[inline(always)]
     pub fn of(level: &GridLevel, unit: [V; 3]) -> Self {
         let [nx, ny, nz] = level.cells;

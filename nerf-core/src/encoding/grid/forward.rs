@@ -7,18 +7,18 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 
 /// Encodes a block of samples by a grid.
 ///
-/// `x`: `[inputs][stride]`, in the box of the `tables`; `out`: `[levels · features][stride]`. `stride` is a multiple of
-/// [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto the box's
-/// surface. A NaN coordinate is replaced by the box's smallest coordinate on that axis.
+/// `x`: `[inputs][stride]`, in the units of the box of `tables`. `out`: `[levels · features][stride]`. `stride` is a
+/// multiple of [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto
+/// the box's surface. A NaN coordinate is replaced by the box's smallest coordinate on that axis.
 ///
 /// A sample's values do not depend on the other samples of its block. Results are bit-identical whether the same table
 /// values are stored as f16, as f32, or as int8 with scales that are powers of two. All instruction sets find the same
 /// cell for a sample. If a table is too short, the missing values are unspecified.
 ///
 /// # Accuracy
-/// The difference from the same sum in f64 is at most `2^-24 (n (6 cells + 6) + 12)` times the largest |value| at the
-/// corners of the sample's cell. `n` is the number of axes, and `cells` the largest number of cells along an axis. The
-/// bound covers rounding of the position and of the sum.
+/// An encoded value differs from the same interpolation in f64 by at most `2^-24 (n (6 cells + 6) + 12)` times the
+/// largest |value| at the corners of the sample's cell. `n` is the number of axes, and `cells` the largest number of
+/// cells along an axis. The bound covers rounding of the position and of the interpolation's sum.
 ///
 /// # Panics
 /// With debug assertions, if `x` or `out` is too short.

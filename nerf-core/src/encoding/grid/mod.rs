@@ -41,7 +41,7 @@ pub const MAX_GRID_LEVELS: usize = 32;
 pub const MAX_GRID_RESOLUTION: u16 = 16_384;
 /// Maximum of [`GridEncoding::log2_entries`], the binary logarithm of the size of a hash table.
 pub const MAX_LOG2_ENTRIES: u8 = 24;
-/// Maximum number of values of all levels together. As f32 they take half a gibibyte, which a 32-bit host can address.
+/// Maximum number of table values of all levels. As f32 they take half a gibibyte, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
 /// Evaluates `$body` with `$table` bound to a [`Table`](crate::simd::Table) of `$values`. Compiles `$body` once for
@@ -80,7 +80,7 @@ use with_table;
 pub struct GridEncoding {
     /// Number of inputs: 3 for a position, 2 for a point of an image.
     pub inputs: u8,
-    /// Number of features of an entry: 1, 2 or 4.
+    /// Number of features of a table entry: 1, 2 or 4.
     pub features: u8,
     /// Binary logarithm of the size of a hash table, at most [`MAX_LOG2_ENTRIES`]. Levels with more vertices than the
     /// table's size are hashed.
@@ -162,8 +162,8 @@ impl GridEncoding {
 
     /// Backward pass through the encoding of a block of samples, for any function `f` of the encoded values.
     ///
-    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`: `[inputs][stride]`
-    /// set to ∂f/∂x. `stride` is a multiple of [`Isa::columns`], or any number with portable instructions.
+    /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`, set to ∂f/∂x:
+    /// `[inputs][stride]`. `stride` is a multiple of [`Isa::columns`], or any number with portable instructions.
     ///
     /// The interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell with
     /// the larger index.

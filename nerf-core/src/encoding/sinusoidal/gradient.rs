@@ -49,8 +49,8 @@ struct Gradient<'a> {
     encoding: &'a SinusoidalEncoding,
     stride: usize,
     s: f32,
-    /// Factor of each level `k` in the derivative, without the factor `s`, which is the same at all levels: `2^k` times
-    /// the blur's factor `exp(−½ (2^k s blur)²)`.
+    /// Factor of each level `k` in the derivative: `2^k exp(−½ (2^k s blur)²)`. Does not include the factor `s`, which
+    /// all levels have in common.
     factors: [f32; MAX_LEVELS as usize],
     encoded: &'a [f32],
     of_encoded: &'a [f32],

@@ -22,15 +22,15 @@ pub const MAX_LEVELS: u8 = 16;
 /// The factor `s` in `sin(2^k s x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AngleScale {
-    /// `s = 1`, as in the original authors' code and in nerf-pytorch.
+    /// `s = 1`, as in the code of the NeRF paper's authors and in nerf-pytorch.
     One,
-    /// `s = π`, as in the paper's formula and in this project's own networks.
+    /// `s = π`, as in the NeRF paper's formula and in this project's own networks.
     Pi,
 }
 
 /// The sinusoidal encoding of a position or a direction.
 ///
-/// `[identity,] then per level k: sin(2^k s x) for all inputs, cos(2^k s x) for all inputs`
+/// Order of the outputs: `[inputs,] then per level k: sin(2^k s x) for all inputs, cos(2^k s x) for all inputs`
 ///
 /// # Source
 /// Mildenhall et al. 2020, eq. 4, in the order of the authors' code.
@@ -65,8 +65,8 @@ impl SinusoidalEncoding {
 /// [`Isa::columns`], or any number with portable instructions.
 ///
 /// # Accuracy
-/// Absolute error of at most 1.2e-7 at every level with [`MathBackend::Polynomial`]: `2^k x` is exact and is reduced
-/// modulo 2 before it is multiplied by π. With `s = 1` the bound holds while `|2^k x| <= 1e5`.
+/// With [`MathBackend::Polynomial`], absolute error of at most 1.2e-7 at every level. If `s = π`, `2^k x` is exact and
+/// is reduced modulo 2 before it is multiplied by π. If `s = 1`, the bound holds only for `|2^k x| <= 1e5`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short.

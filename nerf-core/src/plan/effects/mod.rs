@@ -1,4 +1,4 @@
-//! Effects of a frame, beyond one ray through each pixel's centre. All effects are off by default.
+//! Optional effects of a frame: jitter, anti-aliasing, depth of field and tone. All effects are off by default.
 //!
 //! | effect | feature | costs |
 //! | --- | --- | --- |
@@ -31,10 +31,10 @@ pub struct Effects {
     pub tone: Tone,
 }
 
-/// Samples at random positions in their bins: noise replaces banding, without a bias.
+/// Samples at random positions in their bins: noise replaces banding, and the optical thickness is right on average.
 ///
-/// In each bin, the density is taken as constant, with its value at the random sample. The mean of the optical
-/// thickness over all random positions therefore equals the integral of the density.
+/// The density at a random sample is used for the sample's whole bin. The mean of the optical thickness over all
+/// random positions therefore equals the integral of the density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jitter {
     /// Seed of the random positions.
@@ -79,7 +79,7 @@ pub struct Tone {
 impl Tone {
     /// No conversion: colours stay as the network gives them.
     pub const NONE: Self = Self { exposure: 0.0, map: ToneMap::None, linear: false };
-    /// The largest exposure, stops.
+    /// Largest absolute value of [`Tone::exposure`], stops.
     pub const MAX_STOPS: f32 = 32.0;
 }
 
@@ -96,7 +96,7 @@ names! {
         /// # Source
         /// Reinhard et al. 2002, eq. 3; deviation: on each channel, not on luminance.
         Reinhard = "reinhard",
-        /// A film's shoulder and toe: `x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14)`, at most 1.
+        /// S-shaped curve, like the response of film: `x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14)`, at most 1.
         ///
         /// # Source
         /// Narkowicz 2016, "ACES Filmic Tone Mapping Curve": a fit to the ACES reference for displays of 80 to
@@ -112,7 +112,7 @@ impl Effects {
     /// Maximum number of rays a pixel.
     pub const MAX_RAYS: u16 = 256;
 
-    /// Checks the effects, and leaves out a lens without aperture.
+    /// Returns these effects if all are valid, with `depth_of_field` set to `None` if the aperture's radius is 0.
     ///
     /// # Errors
     /// [`EffectError`] names the first setting that is out of range or not in this build.

@@ -30,8 +30,8 @@ const WALL: f32 = 1e30;
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// Position of the bin's sample along the ray: distance, world units of the field. In an unbounded scene, the
-    /// argument `s` of [`Contraction::distance`](crate::space::Contraction::distance).
+    /// Position of the bin's sample along the ray, from the origin of [`Span::ray`]: distance in the field's units. In
+    /// an unbounded scene, the argument `s` of [`Contraction::distance`](crate::space::Contraction::distance).
     t: f32,
     /// Start of the bin, world units from the ray's start.
     from: f32,
@@ -60,7 +60,7 @@ enum Known {
     Sample,
 }
 
-/// A ray in world space. Distances are counted from its start: the smallest [`Span::start`] of any field, world units.
+/// A ray in world space. The ray's start: point at distance `pixel.start`, the smallest [`Span::start`] of all fields.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
@@ -91,7 +91,7 @@ pub(in crate::render) struct Merge<'f, 'w> {
     deferred: Deferred<'w>,
     /// Buffers of a block of samples, large enough for the network of any instance.
     density: Density<'w>,
-    /// Index of the ray of each sample whose colour or gradient is evaluated: `[samples]`, one block.
+    /// Ray index of each sample of a block whose colour or gradient is evaluated: `[samples]`.
     picked: &'w mut [u32],
     /// Buffer with two uses, `[3][samples]`: holds the directions of a block of rays, and later the colours of a block
     /// of samples.
@@ -100,9 +100,8 @@ pub(in crate::render) struct Merge<'f, 'w> {
 }
 
 impl<'f, 'w> Merge<'f, 'w> {
-    /// Reserves the buffers of a worker that renders `instances` in `layout`, which measures or allocates memory. The
-    /// buffers of [`Pixels`] are reserved separately. `networks`: the instances' networks. `plan`: the plan of the last
-    /// instance.
+    /// Reserves the buffers for rendering `instances`, except those of [`Pixels`]. `layout`: measures or allocates
+    /// memory. `networks`: the instances' networks. `plan`: the plan of the last instance.
     pub fn lay_out<'n>(
         layout: &mut impl Layout<'w>,
         instances: &'f [Instance<'f>],
@@ -134,8 +133,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Returns a function from the camera's position to the output distance of pixels without a surface, world units:
-    /// the largest of the fields' [`Plan::far_from`].
+    /// Returns a function of the camera's position: the distance output for pixels without a surface, world units. This
+    /// is the largest [`Plan::far_from`] of all fields.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -456,7 +455,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Computes density and colour at `points`: at most one block of (position, direction) pairs.
+    /// Computes density and colour of all fields together at `points`, pairs of position and direction. Requires at
+    /// most one block of points, and zeros in `sigma` and `rgb`, to which the fields' values are added.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,
@@ -484,8 +484,8 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 }
 
-/// Returns instance `member`'s part of `values`, which holds [`DirectionShares::values`] of all instances, one instance
-/// after another. `samples`: number of samples per block.
+/// Returns the part of `values` that belongs to instance `member`. `values`: [`DirectionShares::values`] of all
+/// instances, one instance after another. `samples`: number of samples per block.
 fn shares_at<'a>(
     instances: &[Instance<'_>],
     samples: usize,

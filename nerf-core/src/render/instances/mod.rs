@@ -15,13 +15,13 @@ use crate::space::Placement;
 /// A field placed in the caller's world.
 #[derive(Clone, Copy, Debug)]
 pub struct Instance<'a> {
-    /// The field's renderer.
+    /// Renderer made from the field's blob.
     pub renderer: &'a Renderer<'a>,
     /// The field's plan, with distances in the field's units. All instances must have the same outputs, effects and
-    /// batch. The last instance's plan sets the background and the transmittance below which a ray ends. For its
-    /// colours, each field uses the colour cut of its own plan ([`Quality`](crate::plan::Quality)).
+    /// batch. The last instance's plan sets the background and the transmittance below which a ray ends. The colour cut
+    /// ([`Quality`](crate::plan::Quality)) of each field is read from the field's own plan.
     pub plan: &'a Plan<'a>,
-    /// The field's placement in the world.
+    /// Rotation, uniform scale and translation of the field in the world.
     pub placement: Placement,
 }
 

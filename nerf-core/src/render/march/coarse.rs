@@ -1,5 +1,5 @@
-//! Coarse occupancy grid, for skipping empty space. If a packet of rays passes only empty cells, all its rays are
-//! skipped. Other packets skip the empty stretches along their rays.
+//! Coarse occupancy grid, for skipping empty space. A packet is a group of neighbouring rays. If a packet passes only
+//! empty cells, all rays of the packet are skipped. In other packets, empty intervals along the rays are skipped.
 
 use crate::camera::Ray;
 use crate::plan::{Lattice, Plan};
@@ -13,7 +13,8 @@ mod tests;
 
 /// Size of [`CoarseOccupancy::bits`], bytes; 0 in builds without SIMD vectors.
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
-/// Least number of cells along each side of a block. Blocks are larger if their bits would not fit in [`BYTES`].
+/// Least number of cells along each side of a block. Blocks of a large grid have more cells, so that the bits of all
+/// blocks fit in [`BYTES`].
 const SIDE: u16 = 4;
 /// Upper bound of the distance by which rounding moves a looked-up point, in cells of the occupancy grid.
 const SLACK: f32 = 0.5;
@@ -29,7 +30,7 @@ pub(crate) struct CoarseOccupancy {
 }
 
 impl CoarseOccupancy {
-    /// Computes the box and the blocks of the occupied cells of `occupancy`.
+    /// Computes the box around the occupied cells of `occupancy`, and the bits of the blocks.
     pub fn new(occupancy: Option<&OccupancyGrid<'_>>) -> Self {
         let around = occupancy.and_then(|occupancy| occupancy.occupied_box());
         let mut coarse = Self { around, bits: [0; BYTES], side: 0 };
@@ -93,15 +94,14 @@ pub(crate) fn set(bits: &mut [u8], at: usize) {
     }
 }
 
-/// Test of packets against the coarse grid. A packet is a group of neighbouring rays; the test finds the distances
-/// along the rays at which occupied cells may lie.
+/// Test of packets against the coarse grid. Finds the distances along the rays at which occupied cells may lie.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
     /// A box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// Range of a lookup, world units. If the bit of a point's block is 0, all cells within this distance of the point
-    /// along each axis are empty.
+    /// Half the side of the cube, around a looked-up point, that one lookup covers; world units. If the bit of the
+    /// point's block is 0, all cells in the cube are empty.
     reach: f32,
 }
 
@@ -109,8 +109,9 @@ impl Packets<'_> {
     /// Returns the intervals of distance along `rays` in which occupied cells may lie. Returns `None` if all cells
     /// along the rays are empty.
     ///
-    /// Looks up [`INTERVALS`] points on the mean of the rays. Each lookup also covers the nearby points of all rays. If
-    /// the rays are too far apart for that, returns [`Intervals::ALL`].
+    /// Looks up [`INTERVALS`] points on the mean ray. One lookup covers one interval of all rays. Returns
+    /// [`Intervals::ALL`] if the rays are too far apart or an interval is too long to be covered, or if rounding errors
+    /// are too large.
     pub fn intervals_of(&self, isa: Isa, rays: &[Ray]) -> Option<Intervals> {
         let share = 1.0 / rays.len() as f32;
         let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
@@ -157,7 +158,7 @@ pub(in crate::render) struct Intervals {
 }
 
 impl Intervals {
-    /// Used if nothing is known: every interval may have occupied cells.
+    /// Intervals for a packet of which nothing is known: occupied cells may lie in every interval.
     pub const ALL: Self = Self { found: u64::MAX, near: 0.0, step: f32::INFINITY };
 }
 
@@ -174,7 +175,6 @@ pub(in crate::render) struct CandidateBins {
 }
 
 impl CandidateBins {
-    /// All bins are candidates.
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
     /// Finds the bins among `bins` that overlap intervals with possibly occupied cells. `start`: distance along the

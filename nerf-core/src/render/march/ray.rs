@@ -65,7 +65,7 @@ impl RayState {
         }
     }
 
-    /// Advances `next` to the first occupied bin from `next` on. Returns `false` if there is none.
+    /// Advances `next` to the first bin at or after `next` with a sample in an occupied cell; `false` if there is none.
     #[cfg_attr(target_os = "none", inline(never))]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, jitter: SampleJitter) -> bool {
         if VECTORS && self.march_looked_up() {
@@ -84,7 +84,7 @@ impl RayState {
         self.next < self.end
     }
 
-    /// Advances `next` to the first occupied bin in `window` from `next` on. Returns `false` if there is none.
+    /// Advances `next` to the first occupied bin of `window` at or after `next`. Returns `false` if there is none.
     #[inline]
     pub fn march_looked_up(&mut self) -> bool {
         let found = self.window.left(self.next).filter(|&bin| bin < self.end);
@@ -109,7 +109,7 @@ pub(super) struct MarchAll<'a> {
     pub rays: &'a mut [RayState],
     /// Indices in `rays` of the rays to march.
     pub list: &'a [u32],
-    /// Whether all cells at the faces of the scene box are empty.
+    /// If `true`, all cells at the faces of the scene box are empty. `false` if this is not known.
     pub inner: bool,
 }
 
@@ -138,7 +138,7 @@ pub(in crate::render) struct ActiveRays<'w> {
 }
 
 impl<'w> ActiveRays<'w> {
-    /// Makes an empty queue. `ring` has room for every ray.
+    /// Makes an empty queue. `ring`: the queue's memory; must have at least one element per ray.
     pub fn new(ring: &'w mut [u32]) -> Self {
         Self { ring, first: 0, count: 0 }
     }
@@ -171,12 +171,12 @@ pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as us
 /// Table of sample distances, one row per ray. Empty if the frame uses no proposal network: samples then lie in the
 /// plan's bins.
 struct Rows<'w> {
-    /// Distances of each ray's samples, ascending: `[rays][row]`. Until a ray's samples are drawn, the end of its row
-    /// holds the compositing weights of its proposal bins.
+    /// Distances of each ray's samples, ascending: `[rays][row]`. Before the samples of a ray are drawn, the end of the
+    /// ray's row holds the compositing weights of the ray's proposal bins.
     t: &'w mut [f32],
     row: usize,
-    /// Index for each column of a block, `[samples]`. While the proposal network is evaluated: index of the proposal
-    /// bin. Later: index of the drawn sample in its ray's row of `t`.
+    /// One index per column of a block: `[samples]`. While the proposal network is evaluated: index of the column's
+    /// proposal bin. While the scene's network is evaluated: index of the column's sample in the ray's row of `t`.
     index: &'w mut [u32],
 }
 
@@ -207,7 +207,7 @@ impl<'w> ProposalSamples<'w> {
         self.rows().is_some()
     }
 
-    /// Advances `state.next` past samples of `ray` in empty cells. Returns `false` if no occupied sample is left.
+    /// Advances `state.next` past samples of `ray` in empty cells. Returns `false` if no sample is left.
     #[inline]
     pub fn march(&self, field: Field<'_>, ray: u32, state: &mut RayState, jitter: SampleJitter) -> bool {
         let plan = field.plan;
@@ -219,8 +219,8 @@ impl<'w> ProposalSamples<'w> {
         state.next < state.end
     }
 
-    /// Returns the distance of the next sample of `ray`, which is to be put into column `column` of the block. The
-    /// index of a drawn sample is stored for [`ProposalSamples::interval`].
+    /// Returns the distance of the next sample of `ray`. `column`: column of the block for this sample. If a
+    /// proposal network is used, also stores the sample's index, for [`ProposalSamples::interval`].
     #[inline]
     pub fn take(
         &mut self,
@@ -237,7 +237,7 @@ impl<'w> ProposalSamples<'w> {
         at(rows.of(ray), state.next as usize)
     }
 
-    /// Returns the interval of a sample of `ray`. `column`: the sample's column in the block. `t`: its distance.
+    /// Returns the interval of the sample of `ray` at distance `t`, which is in column `column` of the block.
     #[inline]
     pub fn interval(
         &self,
@@ -282,7 +282,7 @@ impl<'w> ProposalSamples<'w> {
     /// row `from`, writes the samples' distances to row `to` and returns their number. `jitter`: where each sample lies
     /// within its stratum.
     ///
-    /// Requires `to <= from`: the caller drops rays without occupied samples, and the rows of later rays move up.
+    /// Requires `to <= from`. `to` is smaller if the caller has dropped earlier rays without samples in occupied cells.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let Some(&mut Rows { ref mut t, row, .. }) = self.0.first_mut() else { return 0 };

@@ -2,8 +2,8 @@
 //!
 //! Usually a block holds at most one sample of each ray: the ray's transmittance is then known before its next sample
 //! is evaluated. If fewer rays are active than a vector has lanes, each ray puts several samples into the block, in
-//! columns that would otherwise be padding. Samples that turn out to lie behind the end of their ray are dropped and
-//! not counted. The counted work of a frame, like its pixels, thus depends on the scene and the request alone.
+//! columns that would otherwise be padding. If one of these samples ends the ray, the ray's later samples are dropped
+//! and not counted: pixels and counters do not depend on the number of samples that a ray puts into a block.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
@@ -19,7 +19,7 @@ use crate::space::SceneBox;
 use crate::volume::Accumulator;
 
 /// Width and height of a packet of neighbouring rays, pixels. A packet is tested against the coarse occupancy grid as a
-/// whole. In a tile one pixel high, a packet is a row of the same number of rays. At most [`MAX_LANES`] rays.
+/// whole. In a tile one pixel high, it is a row of the same number of rays. A packet has at most [`MAX_LANES`] rays.
 const PACKET: (u32, u32) = (4, 4);
 
 /// The rays of the current tile that may have a sample in an occupied cell.
@@ -27,8 +27,8 @@ pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
     /// A box around all occupied cells of the occupancy grid; `None` if there is no occupied cell or no grid.
     occupied: Option<SceneBox>,
-    /// Whether all cells at the faces of the scene box are empty. Always `false` in builds without vectors, to keep the
-    /// builds small.
+    /// If `true`, all cells at the faces of the scene box are empty. Always `false` in builds without vector
+    /// instructions, to keep these builds small.
     inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     pub states: &'w mut [RayState],
@@ -36,13 +36,13 @@ pub(in crate::render) struct Rays<'f, 'w> {
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Index of the current ray within its pixel. All pixels of the tile render their rays of this index together.
+    /// Index of each ray among the rays of its pixel. A tile holds one ray of each pixel at a time, all of this index.
     pub turn: u32,
 }
 
 impl<'f, 'w> Rays<'f, 'w> {
-    /// Reserves memory for a batch of rays. `occupied`: box around all occupied cells. `drawn`: length of a row in
-    /// [`ProposalSamples`]; 0 without a proposal.
+    /// Reserves memory for a batch of rays. `occupied`: box around all occupied cells. `drawn`: number of values that
+    /// [`ProposalSamples`] stores for each ray; 0 if frames use no proposal network.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -66,7 +66,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of a tile's pixels. A ray without a sample in an occupied cell is added to its pixel at once.
+    /// Marches one ray of each pixel to its first sample in an occupied cell; finishes the rays without such a sample.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -147,7 +147,7 @@ impl<'f, 'w> Rays<'f, 'w> {
     }
 
     /// Starts the ray of a pixel: marches it to its first sample in an occupied cell and appends it to `states`. If
-    /// there is no such sample, the ray is added to its pixel at once.
+    /// there is no such sample, the ray's result is added to its pixel at once.
     #[inline(never)]
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -187,7 +187,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Calls [`RayState::march`] on each ray with an index in `list`.
+    /// Marches each ray with an index in `list` to its next sample in an occupied cell.
     pub fn march_all(&mut self, list: &[u32]) {
         let (plan, isa) = (self.field.plan, self.field.isa());
         if let Some(occupancy) = windows(isa, plan) {

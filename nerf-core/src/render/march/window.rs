@@ -39,7 +39,7 @@ pub(super) struct LookUp<'a> {
     pub bins: &'a Bins,
     /// The bins to look up. All other bins are treated as empty.
     pub candidates: &'a CandidateBins,
-    /// Whether all cells at the faces of the scene box are empty.
+    /// If `true`, all cells at the faces of the scene box are empty.
     pub inner: bool,
 }
 

@@ -116,10 +116,10 @@ impl SurfaceSum {
     }
 }
 
-/// Sums of the finished rays of each pixel of a tile; empty if a pixel has one ray.
+/// Sums of the results of each pixel's finished rays, for the pixels of a tile; empty if a pixel has one ray.
 pub(crate) struct Sums<'w> {
     pixels: &'w mut [PixelSum],
-    /// Sum for each pixel if a median distance or a normal is requested; else empty.
+    /// Sums of median distances and normals, one element per pixel; empty if neither output is requested.
     surfaces: &'w mut [SurfaceSum],
 }
 
@@ -133,8 +133,8 @@ impl<'w> Sums<'w> {
         Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::default()) }
     }
 
-    /// Adds `pixel`, the result of ray `ray`, to pixel `index` of the tile. After the pixel's last ray, returns the
-    /// mean of its rays; before, returns `None`. `far`: output distance of pixels that show no surface.
+    /// Adds `pixel`, the result of ray `ray`, to the sums of the tile's pixel of index `index`. Returns the mean of the
+    /// pixel's rays after the last ray, else `None`. `far`: output distance of pixels that show no surface.
     #[inline]
     pub fn add(
         &mut self,

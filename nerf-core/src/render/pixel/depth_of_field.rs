@@ -10,10 +10,10 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Index of the aperture's ring through which ray `ray` of every pixel passes. All rings have the same area.
+/// Index of the aperture's ring through which ray `ray` of every pixel passes. The rings, one per ray, have equal area.
 ///
-/// Rays of consecutive indices are neighbours in the pixel, and pass through rings that are far apart. Otherwise all
-/// rays at one side of the pixel would pass near the aperture's rim.
+/// Rays of consecutive indices are neighbours in the pixel, and pass through rings that are far apart. If ray and ring
+/// had the same index, all rays at one side of the pixel would pass near the aperture's rim.
 #[inline]
 pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     /// Fractional part of the silver ratio, in units of 2^-32.
@@ -60,12 +60,12 @@ fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray 
 
 /// A random point of the unit disc, in ring `area` ([`area`]). `stream`: the pixel's random stream ([`pixel_stream`]).
 ///
-/// Sunflower pattern: rings of equal area from the middle outwards, with successive points the golden angle apart. The
-/// position within the ring and the angle of ring 0 are random for each pixel. Each point is thus uniform over its
-/// ring, and neighbouring pixels differ.
+/// Sunflower pattern: one point in each ring of equal area, from the middle outwards; successive points are the golden
+/// angle apart. The radial position within the rings and the angle of the first point are random for each pixel. Each
+/// point is thus uniform over its ring, and neighbouring pixels differ.
 ///
 /// # Source
-/// Vogel 1979; deviation: random start.
+/// Vogel 1979; deviation: the radial position and the first angle are random.
 fn aperture_point(effects: &Effects, stream: u64, area: u32) -> (f32, f32) {
     let seed = effects.jitter.map_or(0, |jitter| jitter.seed);
     let start = uniform(seed, Purpose::Aperture, stream, 0);

@@ -11,7 +11,7 @@ mod tests;
 /// Stored distance of a ray whose transmittance has not yet fallen below one half.
 const NOT_YET: f32 = f32::INFINITY;
 
-/// Median distance of each ray, world units from the ray's start: `[rays]`, or empty if not requested.
+/// Median distance of each ray, `[rays]`, world units from where sample distances are 0; empty if not requested.
 pub(in crate::render) struct Medians<'w> {
     distance: &'w mut [f32],
 }
@@ -40,7 +40,7 @@ impl<'w> Medians<'w> {
         distance.is_some_and(|&distance| distance == NOT_YET && gathered.transmittance() < 0.5)
     }
 
-    /// Computes and stores the median distance of `ray`, which lies in the interval with middle `mid`, width `delta`
+    /// Computes and stores the median distance of `ray`, a distance in the interval with middle `mid`, width `delta`
     /// and density `sigma`. `before`: optical thickness in front of the interval.
     pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
         if let Some(distance) = self.distance.get_mut(ray as usize) {

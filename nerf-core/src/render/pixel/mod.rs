@@ -1,4 +1,4 @@
-//! Pixels: the rays of each pixel, and the pixel's outputs from the results of its rays.
+//! Makes the rays of each pixel, and computes the pixel's outputs from the results of its rays.
 //!
 //! Each effect has two files with the same interface: one implements the effect, and the other does nothing, for builds
 //! without the effect's feature.

@@ -14,7 +14,7 @@ use glam::Vec3;
 pub(in crate::render) struct Pixels<'f, 'w> {
     pub plan: &'f Plan<'f>,
     sums: Sums<'w>,
-    /// Index of the current ray within its pixel. All pixels of the tile render their rays of this index together.
+    /// Index, among the rays of a pixel, of the ray that is rendered now; the same for all pixels of the tile.
     pub turn: u32,
     pub tile: Rect,
     /// Whether colour is composited over the plan's background. If `false`, colour is composited over black.

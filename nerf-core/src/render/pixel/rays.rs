@@ -14,12 +14,12 @@ use glam::Vec3;
 /// for a pixel without a surface.
 pub(in crate::render) trait RaySource {
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The camera, and the distances of a ray from the left and the upper edge of its pixel: in pixels, `(0, 1)`, the
-    /// same for all pixels. `None` unless the source is a pinhole camera without distortion and depth of field.
+    /// The camera, and the position of the ray in every pixel: distances from the left and the upper edge, in pixels.
+    /// `None` if the source is not a camera, or if the camera has a lens other than [`Lens::NONE`] or depth of field.
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
-    /// Writes the rays of the pixels of `part` to `to`, row by row. `part` has at most [`MAX_LANES`] pixels.
+    /// Writes the rays of the pixels of `part` to `to`, row by row. `part` must have at most [`MAX_LANES`] pixels.
     fn rays(&self, isa: Isa, part: Rect, to: &mut [Ray]) {
         let Some((camera, offset)) = self.pinhole() else {
             return to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = self.ray(x, y));
@@ -32,8 +32,8 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance, world units, that is output for a pixel without a surface. `x`: column of the pixel; selects
-    /// the ray of [`OwnRays`]. The returned distance is not limited to the ray's farthest visible distance.
+    /// Distance, world units, that is output for a pixel without a surface; may exceed the ray's farthest visible
+    /// distance. `x`: column of the pixel, from which [`OwnRays`] finds the pixel's ray.
     fn far(&self, x: u32) -> f32;
     /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {
@@ -45,7 +45,7 @@ pub(in crate::render) trait RaySource {
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,
-    /// Distances of a ray from the left and the upper edge of its pixel: in pixels, `(0, 1)`, the same for all pixels.
+    /// Position of the ray in every pixel: distances from the left and the upper edge, in pixels, between 0 and 1.
     offset: (f32, f32),
     /// Index of the ring of the aperture through which the rays pass. The aperture is divided into rings of equal area,
     /// one for each ray of a pixel.
@@ -86,8 +86,8 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     }
 }
 
-/// Rays of the caller as a source. The tile is one row of pixels: the pixel in column `x` has the caller's ray whose
-/// index is `x` plus the field `before`.
+/// Source of rays that the caller gives. The tile is one row of pixels; the pixel in column `x` has the caller's ray of
+/// index `before + x`.
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
     /// Index of the caller's ray in column 0, a multiple of 2^31: columns start again at 0 after 2^31 rays.
     pub before: usize,
@@ -173,7 +173,7 @@ pub(in crate::render) struct PixelRay {
     pub ray: Ray,
     /// Distance, world units, from the ray's original origin to the point from which sample distances are counted.
     pub start: f32,
-    /// Nearest and farthest visible distance from the origin before it was moved, world units.
+    /// Nearest and farthest visible distance, world units from the ray's original origin.
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,

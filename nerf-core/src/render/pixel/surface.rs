@@ -1,6 +1,6 @@
 //! Median distance and normal of a ray, the outputs that describe the surface that the ray meets.
 //!
-//! An output that is not requested has no memory.
+//! No memory is reserved for an output that is not requested.
 
 use super::Medians;
 use crate::memory::Layout;

@@ -1,8 +1,8 @@
 //! Conversion of display-encoded colour to linear light and back. Exposure and tone curve are applied in linear light.
 //!
-//! For linear output, the background and the colours of samples are decoded before compositing. With deferred shading,
-//! the colours of rays are decoded in place of those of samples. If the output is not linear, display-encoded colours
-//! are composited, as in training, and the colour of each ray is then decoded. [`Tone::NONE`] converts nothing.
+//! For linear output, the background and the colours of samples are decoded before compositing; with deferred shading,
+//! the background and the colours of rays are decoded. If the output is not linear, display-encoded colours are
+//! composited, as in training, and the colour of each ray is then decoded. [`Tone::NONE`] converts nothing.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};
@@ -25,7 +25,7 @@ pub(crate) fn background<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if tone.linear { decode_srgb::<M>(rgb) } else { rgb }
 }
 
-/// Decodes a ray's colour to linear light; returns `rgb` unchanged without tone settings or if `rgb` is already linear.
+/// Decodes a ray's colour to linear light. Returns `rgb` unchanged if `tone` is [`Tone::NONE`] or `rgb` is linear.
 #[inline]
 pub(crate) fn to_light<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE || tone.linear { rgb } else { decode_srgb::<M>(rgb) }

@@ -1,6 +1,6 @@
-//! Evaluation of the colour branch at the samples that compositing picked. If picked samples fill most of a density
-//! block, the branch is evaluated for the whole block; otherwise picked samples of several blocks are collected in a
-//! separate block. The part of the branch that depends on the direction alone is evaluated once per ray.
+//! Evaluation of the colour branch at the samples that compositing picked. If picked samples fill most of a block, the
+//! branch is evaluated for the whole block; otherwise picked samples of several blocks are collected in a separate
+//! block. The part of the branch that depends on the direction alone is evaluated once per ray.
 
 use super::TileState;
 use super::compositing::Compositing;
@@ -16,11 +16,11 @@ use crate::render::pixel::samples_to_light;
 /// otherwise their colours are evaluated at once.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
-/// Stage that evaluates the colour branch at samples; its buffers are empty with deferred shading or without colour.
+/// Stage that evaluates the colour branch at samples; has no buffers if shading is deferred or no colour is requested.
 pub(in crate::render) struct Colour<'w> {
     shares: &'w mut [f32],
     /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`; the colour branch overwrites them. If
-    /// samples are coloured one at a time, nothing is queued: `h`, `owner` and `weight` are then empty.
+    /// a block holds only one sample, nothing is queued: `h`, `owner` and `weight` are then empty.
     h: &'w mut [f32],
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
@@ -127,9 +127,9 @@ pub(in crate::render) struct DirectionShares<'w> {
 }
 
 impl DirectionShares<'_> {
-    /// Length of the buffer `values`, f32 values, for the rays of a batch (`field.plan.batch.rays`, rounded up to a
-    /// multiple of `block`). `block`: number of rays whose directions are encoded together. 0 if the colour branch is
-    /// not evaluated at samples.
+    /// Number of elements of the buffer `values` for the rays of a batch (`field.plan.batch.rays`, rounded up to a
+    /// multiple of `block`). Returns 0 if the colour branch is not evaluated at samples. `block`: number of rays whose
+    /// directions are encoded together.
     pub fn values(field: Field<'_>, block: usize) -> usize {
         let rows = if field.shades_samples() { field.network.direction_rows() } else { 0 };
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)

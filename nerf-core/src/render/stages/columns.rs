@@ -18,8 +18,8 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Columns`] without `sums`; the number of `sums` depends on the network. Each row has one value
-/// per ray. In order: origin, direction, distance, interval, least distance, cuts of bins, composited values.
+/// Number of rows of [`Columns`], not counting `sums`, whose number of rows depends on the network. Each row has one
+/// value per ray. Terms: origin, direction, position, interval, least distance, cuts of bins, compositing state.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
 /// Whether all samples lie in the middle of their bins, and the bins are in world units.
@@ -30,7 +30,7 @@ fn in_middles(plan: &Plan<'_>) -> bool {
 /// One value for the ray of each column.
 type Row = [f32; BLOCK];
 
-/// Memory for the rows of [`Columns`], `[rows][BLOCK]`; empty if this plan or kernel does not march one ray per column.
+/// Memory for the rows of [`Columns`], `[rows][BLOCK]`; empty in frames that do not march one ray per column.
 pub(in crate::render) struct ColumnMarch<'w> {
     memory: &'w mut [f32],
 }
@@ -93,7 +93,7 @@ struct Columns<'a> {
     owner: [u32; BLOCK],
     origins: &'a mut [Row; 3],
     dirs: &'a mut [Row; 3],
-    /// Position of each column's sample along its ray, in the unit of the bins; if [`in_middles`], index of the bin.
+    /// Position of each column's sample along the ray, in the unit of the bins; if [`in_middles`], the bin's index.
     t: &'a mut Row,
     /// Two rows: the distance that each sample contributes to the mean `ray_distance`, and the width of each sample's
     /// interval. Both in world units.
@@ -102,9 +102,9 @@ struct Columns<'a> {
     near: &'a mut Row,
     /// Where each ray's first and last bin are cut short ([`Ends`]).
     ends: &'a mut [Row; Ends::PARTS],
-    /// Sums of opacity, distance and optical thickness of the samples that were composited so far, for each ray.
+    /// Compositing state of each ray, without colour: transmittance, and sums over the samples composited so far.
     gathered: &'a mut side_by_side::Rows,
-    /// Each ray's Σ weight · `h` so far, one row per feature, and in the last row Σ weight.
+    /// Sums over each ray's samples so far: one row of Σ weight · `h` per hidden feature, then one row of Σ weight.
     sums: &'a mut [Row],
 }
 

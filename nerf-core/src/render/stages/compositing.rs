@@ -22,8 +22,8 @@ pub(in crate::render) struct Compositing<'w> {
     /// behind each sample. [`Absorb`] computes the last two in place from optical thicknesses. Empty in builds without
     /// vectors.
     rows: &'w mut [f32],
-    /// Columns of the block whose colour or normal is evaluated, ascending: `[samples]`. Empty if neither colour nor
-    /// normals are requested.
+    /// Indices of the block's columns whose colour or normal is evaluated, ascending: `[samples]`. Empty if neither
+    /// colour nor normals are requested.
     picked: &'w mut [u32],
     weight: &'w mut [f32],
     pub count: usize,

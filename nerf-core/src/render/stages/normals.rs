@@ -1,4 +1,4 @@
-//! Normals: density gradients at picked samples. Picked samples are queued, and a full queue is evaluated as a block.
+//! Normals: density gradients at the samples that compositing picked. Samples are queued and evaluated in blocks.
 
 use super::TileState;
 use super::compositing::Compositing;
@@ -51,7 +51,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Evaluates the queued samples' gradients and adds them to the rays; overwrites the block's positions and scratch.
+    /// Adds the queued samples' gradients to their rays' normals. Overwrites positions and scratch of `tile.density`.
     pub fn flush(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
@@ -75,7 +75,7 @@ impl<'w> Normals<'w> {
 /// Gradients of the raw density (before its activation) with respect to position, at a block of positions.
 pub(in crate::render) struct Gradients<'w> {
     memory: GradientScratch<'w>,
-    /// ∂raw_sigma/∂x, `[3][samples]`.
+    /// Gradient of the raw density at each position, `[3][samples]`.
     gradient: &'w mut [f32],
 }
 
@@ -96,8 +96,8 @@ impl<'w> Gradients<'w> {
         }
     }
 
-    /// Computes the gradients with respect to position in the field's coordinates, at the block's first `n` positions.
-    /// Passes index and gradient of each position to `put_gradient`.
+    /// Computes the gradient of the raw density at each of the block's first `n` positions, in the field's coordinates
+    /// (not contracted). Passes index and gradient of each position to `put_gradient`.
     pub fn run(
         &mut self,
         field: Field<'_>,

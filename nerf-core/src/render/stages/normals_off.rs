@@ -1,4 +1,4 @@
-//! In place of `normals.rs` in a build without the feature `normals`: no normals are computed.
+//! Replaces `normals.rs` in a build without the feature `normals`: no normals are computed.
 
 use super::TileState;
 use super::compositing::Compositing;

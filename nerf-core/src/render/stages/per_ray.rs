@@ -17,7 +17,7 @@ use crate::render::pixel::samples_to_light;
 
 /// Weighted sums of hidden features `h` along the current tile's rays. All buffers are empty without deferred shading.
 pub(in crate::render) struct Deferred<'w> {
-    /// For each ray `[rays][row]`: Σ weight · h of each feature, then Σ weight.
+    /// Sums of each ray, `[rays][row]`: Σ weight · `h`, one sum per hidden feature, then Σ weight.
     sums: &'w mut [f32],
     row: usize,
     pub networks: RayNetworks<'w>,
@@ -55,8 +55,8 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Adds the hidden features `h` of the block's samples in `picks`, times their compositing weights, to the sums of
-    /// their rays. The features are read from the density stage's scratch memory.
+    /// Adds the hidden features `h` of each sample in `picks`, times the sample's weight in `picks`, to the sums of the
+    /// sample's ray. Reads `h` from the density stage's scratch memory.
     pub fn add(&mut self, TileState { field, density, .. }: &TileState<'_, '_>, picks: &Compositing<'_>) {
         for (column, weight) in picks.iter() {
             let first = at(density.owner, column) as usize * self.row;

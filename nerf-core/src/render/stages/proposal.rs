@@ -34,8 +34,8 @@ impl<'a> Proposer<'a> {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
 
-    /// Decodes the proposal network's weights from the blob's f16 into `to`, which has one element per weight.
-    /// `storage`: the format to write; with [`Storage::Bf16`], two weights are packed into the bits of one element.
+    /// Decodes the proposal network's parameters from the blob's f16 into `to`, which has one element per parameter.
+    /// `storage`: format to write. With [`Storage::Bf16`], two weights share an element, and some elements are unused.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal().filter(|_| PROPOSAL_BUILT) {
             Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);
@@ -78,7 +78,7 @@ impl<'a> Proposer<'a> {
 
 /// Evaluates the proposal network along the tile's rays, and draws each ray's samples from the compositing weights.
 ///
-/// A ray without a sample in an occupied cell is added to its pixel at once. The remaining rays are compacted.
+/// A ray without a sample in an occupied cell is added to its pixel at once. The others move to the start of `rays`.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
     TileState { field, rays, density, .. }: &mut TileState<'_, '_>,

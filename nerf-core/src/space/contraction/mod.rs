@@ -68,8 +68,8 @@ impl Contraction {
         self.power
     }
 
-    /// Contracts a point of the world into the scene box, never outside. Coordinates are clamped to 1e8 radii from the
-    /// centre, and a NaN is replaced by the centre's coordinate.
+    /// Contracts the world point `p`. The result always lies in the scene box. Coordinates of `p` are first clamped to
+    /// 1e8 radii from the centre, and a NaN is replaced by the centre's coordinate.
     #[inline]
     pub fn contract(&self, p: Vec3) -> Vec3 {
         Vec3::from_array(self.contract_lanes(p.to_array()))
@@ -86,8 +86,8 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether the part `from..=to` of a ray lies in the inner ball; may be `false` if the part nearly touches the
-    /// surface. `ray`: from [`Contraction::centred`]; `from` and `to`: positions `s` ([`Contraction::distance`]).
+    /// Whether the part `from..=to` of a ray lies in the inner ball; may be `false` close to the ball's boundary.
+    /// `ray`: from [`Contraction::centred`]; `from` and `to`: positions `s` ([`Contraction::distance`]).
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
         // A ball is convex, so that a test of the two ends suffices. The margin is for rounding.
@@ -149,8 +149,8 @@ impl Contraction {
         (gradient - along) * (contracted * inverse) + along * (inverse * inverse)
     }
 
-    /// Moves the ray's origin to the point nearest to the centre, unless that point lies behind the origin. Also
-    /// returns the distance moved, world units.
+    /// Moves the ray's origin to the ray's point nearest to the centre, or not at all if this point lies behind the
+    /// origin. Also returns the distance moved, world units.
     pub fn centred(&self, ray: &Ray) -> (Ray, f32) {
         let start = (self.centre - ray.origin).dot(ray.dir).max(0.0);
         (Ray { origin: ray.at(start), ..*ray }, start)
@@ -188,8 +188,8 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// Length of a bin at the contracted point `p`, divided by the length of a bin in the inner ball, on a ray through
-    /// the centre, world units. Equals the ratio of the derivatives of [`Contraction::distance`] at the two bins.
+    /// Ratio of the world-space lengths of two bins on a ray through the centre: a bin at the contracted point `p` to a
+    /// bin in the inner ball. Equals the ratio of the derivatives of [`Contraction::distance`] at the two bins.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;
@@ -232,5 +232,5 @@ impl Contraction {
     }
 }
 
-/// Distance from the centre to which points are clamped, radii.
+/// Largest distance from the centre along an axis or a ray, in radii; larger distances are clamped to this.
 const FARTHEST: f32 = 1e8;

@@ -36,14 +36,14 @@ impl SceneBox {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
     }
 
-    /// Clips the ray: returns the part of `[near, far]` inside the box, or `None` if the ray misses it.
+    /// Clips the ray: returns the part of `[near, far]` inside the box, or `None` if no part is inside.
     ///
-    /// A ray parallel to a slab is tested separately, without a division by 0: its points are inside for all `t` or for
-    /// none. A ray on a face counts as inside. Also returns `None` if the ray contains a NaN or an infinity, or if the
-    /// range is empty or NaN.
+    /// A slab is the space between two opposite faces. A ray parallel to a slab is tested separately, without division
+    /// by 0: either all points of the ray are inside the slab or none. A ray on a face is inside. Also returns `None`
+    /// if the ray contains a NaN or an infinity, or if the range `[near, far]` is empty or contains a NaN.
     ///
     /// # Source
-    /// Kay and Kajiya 1986; deviation: parallel slabs are tested separately.
+    /// Kay and Kajiya 1986; deviation: slabs parallel to the ray are tested separately.
     pub fn clip(&self, ray: &Ray, near: f32, far: f32) -> Option<(f32, f32)> {
         // The comparisons below would ignore a NaN on one axis and clip the ray by the other axes.
         let ordered = near <= far;

@@ -110,7 +110,7 @@ pub struct Fit {
     /// Steps between evaluations [default: a tenth of the run].
     #[arg(long, value_name = "N")]
     evaluate_every: Option<u32>,
-    /// Preset: grid (learned hash grid), classic (sinusoidal network), sharp (classic with one layer more, trained
+    /// Preset: grid (learned hash grid), classic (sinusoidal encoding), sharp (classic with one layer more, trained
     /// longer).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: FieldPreset,
@@ -150,7 +150,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns `config`; with `--max-bytes`, its grid is chosen so that the file fits. Reports the chosen grid.
+    /// Returns `config`. If `--max-bytes` is given, first changes the grid so that the file fits, and reports the grid.
     fn within_bytes(
         &self,
         config: FieldConfig,
@@ -211,7 +211,7 @@ impl Fit {
         global.finish(&summary)
     }
 
-    /// Checks the options before any reading. Returns the paths of checkpoint and snapshot folder; `None`: not written.
+    /// Checks the options before the image is read. Returns checkpoint file and snapshot folder; `None`: not written.
     fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
         // The picture's size is still unknown. The settings are checked again when it is known.
         self.config([MAX_SIDE; 2])?;

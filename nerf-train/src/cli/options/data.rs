@@ -4,13 +4,17 @@ use crate::cli::common::Global;
 use crate::data::refined::{self, RefinedPoses};
 use crate::data::{
     self, Axes, Background, Cameras, Dataset, Downscale, Layout, ReadOptions, Report, Watch, cameras_in_name,
-    origin_in_name,
+    origin_in_name, reads_data,
 };
 use crate::model::config::{Config, Surroundings};
+use crate::system::input::{MAX_TOML_BYTES, read_limited};
+use crate::system::output::claims::Claims;
 use crate::system::progress::{self, Progress, ProgressStyle, Total};
+use anyhow::Context;
 use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::plan::{Plan, PlanError};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::Duration;
@@ -22,11 +26,11 @@ pub struct DataOptions {
     /// Camera axes: opengl (looks along −Z) or opencv (looks along +Z) [default: by the layout].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
-    /// Near plane, world units along the ray.
+    /// Near plane, world units along the ray [default: estimated from the data; for a trained scene, no limit].
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Far plane, world units along the ray. In training of an unbounded scene, counted from its centre, not from the
-    /// camera.
+    /// Far plane, world units along the ray; in training of an unbounded scene, distance from its centre [default: as
+    /// --near].
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
     /// Layout of a folder: transforms (Blender, nerfstudio, instant-ngp), colmap or llff [default: the first that
@@ -37,13 +41,16 @@ pub struct DataOptions {
     /// Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics of a COLMAP reconstruction: shared (one set for all photographs of a device, adjusted again) or own
-    /// (as reconstructed; for a zoom lens) [default: shared; with a scene file: as trained].
+    /// Intrinsics of a COLMAP reconstruction: shared (one set per device, by another bundle adjustment) or own (each
+    /// photograph's, as reconstructed; for a zoom lens) [default: shared; with a scene file: as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Allow transforms files to name images outside the data set's folder.
     #[arg(long)]
     pub outside_files: bool,
+    /// File of names, one per line, of photographs that are left out, such as `check --cross-validate` writes.
+    #[arg(long, value_name = "FILE")]
+    pub leave_out: Option<PathBuf>,
 }
 
 /// Extent of a scene.
@@ -70,7 +77,7 @@ impl Space {
         }
     }
 
-    /// Adds a contraction to `config` if `contracted`, removes it if `box`, and leaves `config` as it is if `auto`.
+    /// Applies `self` to `config`: `Contracted` adds a contraction if there is none, `Box` removes it, `Auto` does neither.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -107,8 +114,32 @@ impl DataOptions {
         plan.with_range(self.near.unwrap_or(0.0), self.far.unwrap_or(f32::MAX))
     }
 
+    /// Returns [`Claims`] that protect the data set `path`, if given, and the file of `--leave-out` from overwriting.
+    pub fn claims<'p>(&self, path: impl Into<Option<&'p Path>>) -> Claims {
+        reads_data(Claims::default(), path).reads("the file of --leave-out", self.leave_out.as_deref())
+    }
+
     pub fn read(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
-        read_with(path, &self.options(), &Watch::default(), global)
+        self.read_by(path, &self.options(), &Watch::default(), global)
+    }
+
+    /// Reads a data set without the photographs that `--leave-out` names.
+    fn read_by(
+        &self,
+        path: &Path,
+        options: &ReadOptions,
+        watch: &Watch,
+        global: &Global,
+    ) -> anyhow::Result<Dataset> {
+        let mut dataset = read_with(path, options, watch, global)?;
+        let Some(file) = &self.leave_out else { return Ok(dataset) };
+        let context = || format!("--leave-out {}", file.display());
+        let names = String::from_utf8(read_limited(file, MAX_TOML_BYTES).with_context(context)?);
+        let names = names.with_context(context)?;
+        let names: BTreeSet<&str> = names.lines().map(str::trim).filter(|name| !name.is_empty()).collect();
+        dataset.leave_out(&names).with_context(context)?;
+        global.say(format!("{} photographs left out, named in {}", names.len(), file.display()));
+        Ok(dataset)
     }
 
     /// Reads a data set for training. Shared intrinsics are stored next to the scene file `output`. Also returns the
@@ -121,7 +152,7 @@ impl DataOptions {
     ) -> anyhow::Result<(Dataset, Duration)> {
         let watch = Watch::default();
         let options = ReadOptions { shared_cameras: Some(cameras_beside(output)), ..self.options() };
-        let dataset = read_with(path, &options, &watch, global)?;
+        let dataset = self.read_by(path, &options, &watch, global)?;
         Ok((dataset, watch.set_aside()))
     }
 
@@ -147,8 +178,8 @@ impl DataOptions {
         Ok(dataset)
     }
 
-    /// Reads a data set with the intrinsics and the origin of coordinates that the scene `blob` was trained with.
-    /// `file`: path of the scene file. The data set may lack training views.
+    /// Reads a data set with the origin of coordinates and the intrinsics with which the scene `blob` was trained;
+    /// `--cameras` selects other intrinsics. `file`: path of the scene file. The data set may lack training views.
     pub fn read_given_for(
         &self,
         path: &Path,
@@ -163,7 +194,7 @@ impl DataOptions {
             origin: Some(origin_in_name(name)),
             ..self.options()
         };
-        read_with(path, &options, &Watch::default(), global)
+        self.read_by(path, &options, &Watch::default(), global)
     }
 
     fn options(&self) -> ReadOptions {
@@ -202,7 +233,7 @@ fn cameras_beside(file: &Path) -> PathBuf {
     file.with_extension("cameras.json")
 }
 
-/// Shows the number of images read until the sender of `ended` is dropped. Shows nothing in the first second.
+/// Shows a progress bar of the images read, from one second after the start until the sender of `ended` is dropped.
 fn show_reading(watch: &Watch, style: ProgressStyle, ended: Receiver<()>) {
     const SOON: Duration = Duration::from_secs(1);
     const EVERY: Duration = Duration::from_millis(200);

@@ -8,7 +8,7 @@ use crate::system::memory;
 use clap::{Args, ValueEnum};
 use nerf_core::encoding::GridEncoding;
 
-pub const HEADING: &str = "Learned grid (--preset grid)";
+pub const HEADING: &str = "Learned grid (--preset grid, whose values are the defaults)";
 
 /// Flags for the settings of a learned grid.
 #[derive(Debug, Args)]

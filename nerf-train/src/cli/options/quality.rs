@@ -19,7 +19,7 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Sum of compositing weights that one evaluated colour covers: larger is faster and less exact; 0: every sample.
+    /// Colour is evaluated once per this sum of compositing weights: larger is faster, less exact; 0: at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space: ignore the occupancy grid.
@@ -35,8 +35,8 @@ pub struct QualityOptions {
     /// recurrence (polynomial; sines of an encoding by angle doubling).
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Part of a ray that is sampled, in scenes without a learned grid: from near to far, as in training (own), or the
-    /// whole scene box, for cameras elsewhere (whole) [default: whole; own in eval].
+    /// Part of a ray that is sampled in a scene without a learned grid: own (near to far, as in training) or whole (the
+    /// scene box; for cameras at other distances than in training) [default: whole; own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }

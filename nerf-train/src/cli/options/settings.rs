@@ -11,7 +11,7 @@ use std::path::Path;
 /// Settings given by `--set`; each overrides the TOML file's setting of the same name.
 #[derive(Debug, Default, Args)]
 pub struct SetOption {
-    /// Override one setting, such as optimiser.beta2=0.99; may be repeated (`config` prints the settings of scenes).
+    /// Override one setting, such as optimiser.beta2=0.99; may be repeated (`config` prints the names for scenes).
     #[arg(long = "set", value_name = "PATH=VALUE", value_parser = parse_set)]
     pub tables: Vec<toml::Table>,
 }

@@ -101,7 +101,7 @@ pub struct Render {
     /// Focal length, pixels [default: from the view or path, or a field of view of 40°].
     #[arg(long, value_name = "F")]
     focal: Option<f32>,
-    /// Outputs to render, separated by commas.
+    /// Outputs to render, separated by commas; each is written to a file of its own.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
     /// Background: a name (black, white, red), #RRGGBB or R,G,B [default: the scene file's].

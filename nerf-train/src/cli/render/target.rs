@@ -99,7 +99,7 @@ fn place_of(render: &Render, output: Output) -> PathBuf {
 }
 
 pub(super) fn claims(render: &Render, target: &Target) -> Claims {
-    let claims = reads_data(Claims::default(), render.data.as_deref());
+    let claims = render.data_options.claims(render.data.as_deref());
     let claims = reads_data(claims, render.path.as_deref())
         .reads("the blob", &render.file)
         .reads("the program", render.ffmpeg.as_deref());

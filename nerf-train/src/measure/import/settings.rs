@@ -48,9 +48,9 @@ pub struct Settings {
     /// Factor s of the encoding sin(2^k s x).
     #[arg(long, value_enum, value_name = "S", default_value = "1")]
     pub angle_scale: AngleFactor,
-    /// Order of sines and cosines. level (nerf-pytorch): per level, sin x, sin y, ..., cos x, cos y, ...; pairs: per
-    /// level, sin x, cos x, sin y, cos y, ...; input (tiny-cuda-nn): per input, sin and cos of each level; halves
-    /// (mip-NeRF): all sines, then all cosines, level by level; halves-by-input (nerfstudio): the same, input by input.
+    /// Order of sines and cosines. level (nerf-pytorch): per level, sin x, sin y, sin z, cos x, cos y, cos z; pairs: per
+    /// level, sin x, cos x, sin y, cos y, sin z, cos z; input (tiny-cuda-nn): per input, sin and cos of each level; halves
+    /// (mip-NeRF): sines of all levels, then cosines of all; halves-by-input (nerfstudio): as halves, input by input.
     #[arg(long, value_enum, default_value = "level")]
     pub order: Order,
     /// Position of the raw inputs in the encoding [default: first, if present].

@@ -1,0 +1,95 @@
+//! Cross-validation of a capture: how well each photograph is predicted by fits that were not trained on it.
+
+use crate::data::names::count;
+use crate::data::{Dataset, View};
+use crate::fit::run::{Ended, RunOptions, run};
+use crate::measure::eval::ViewScore;
+use crate::model::config::Config;
+use anyhow::ensure;
+use serde::Serialize;
+use std::path::Path;
+
+/// Number of fits. Each holds out every eighth photograph by name, another one than the other fits.
+pub const FITS: usize = 8;
+/// A photograph is unpredicted if its PSNR is further below the median than this, dB.
+const BELOW_MEDIAN_DB: f64 = 1.0;
+/// Largest fraction of the photographs that are named as unpredicted.
+const MOST: f64 = 0.3;
+
+#[derive(Clone, Debug, Serialize)]
+pub struct CrossValidation {
+    /// Training steps of each fit.
+    pub steps: u32,
+    pub median_psnr_db: f64,
+    /// Names of the photographs that the others predict badly: those of the lowest PSNR.
+    pub unpredicted: Vec<String>,
+    /// Scores of each photograph, from the fit that held it out; lowest PSNR first.
+    pub held_out: Vec<ViewScore>,
+}
+
+impl CrossValidation {
+    /// Fits the training and validation photographs of `dataset` [`FITS`] times, by the settings `config`. Test
+    /// photographs are not used. Returns `None` if `stop` ends a fit.
+    ///
+    /// # Errors
+    /// Fewer than two photographs for each fit; errors of the fits.
+    pub fn of(
+        mut dataset: Dataset,
+        config: &Config,
+        options: &RunOptions,
+        stop: &dyn Fn(u32) -> bool,
+    ) -> anyhow::Result<Option<Self>> {
+        let mut views = std::mem::take(&mut dataset.train);
+        views.append(&mut dataset.val);
+        views.sort_by(|a, b| a.name.cmp(&b.name));
+        ensure!(
+            views.len() >= 2 * FITS,
+            "--cross-validate: expected at least {} photographs that are not test photographs, found {}",
+            2 * FITS,
+            views.len()
+        );
+        let mut held_out = Vec::with_capacity(views.len());
+        for fit in 0..FITS {
+            let split = |(index, _): &(usize, View)| index % FITS == fit;
+            let (val, train): (Vec<_>, Vec<_>) = views.into_iter().enumerate().partition(split);
+            (dataset.val, dataset.train) = (without_index(val), without_index(train));
+            let Ended::Finished(outcome) = run(&dataset, config.clone(), options, stop)? else {
+                return Ok(None);
+            };
+            held_out.extend(outcome.scores.views);
+            views = std::mem::take(&mut dataset.train);
+            views.append(&mut dataset.val);
+            views.sort_by(|a, b| a.name.cmp(&b.name));
+        }
+        Ok(Some(Self::judged(held_out, config.optimiser.steps)))
+    }
+
+    /// Returns the finding as a sentence. `file`: the file of the names in `unpredicted`.
+    pub fn finding(&self, file: &Path) -> String {
+        let Self { steps, median_psnr_db: median, unpredicted, .. } = self;
+        let fits =
+            format!("{FITS} fits of {steps} steps, each photograph held out of one: median {median:.1} dB");
+        if unpredicted.is_empty() {
+            return format!("{fits}; none is more than {BELOW_MEDIAN_DB} dB below it");
+        }
+        let file = file.display();
+        let photographs = count(unpredicted.len(), "photograph");
+        format!(
+            "{fits}; {photographs} below it by more than {BELOW_MEDIAN_DB} dB are listed in {file}, the worst first: look at \
+             them, and fit without them (--leave-out {file})"
+        )
+    }
+
+    fn judged(mut held_out: Vec<ViewScore>, steps: u32) -> Self {
+        held_out.sort_by(|a, b| a.psnr_db.total_cmp(&b.psnr_db));
+        let median_psnr_db = held_out[held_out.len() / 2].psnr_db;
+        let most = (MOST * held_out.len() as f64) as usize;
+        let low = held_out.iter().take(most).filter(|score| score.psnr_db < median_psnr_db - BELOW_MEDIAN_DB);
+        let unpredicted = low.map(|score| score.view.clone()).collect();
+        Self { steps, median_psnr_db, unpredicted, held_out }
+    }
+}
+
+fn without_index(views: Vec<(usize, View)>) -> Vec<View> {
+    views.into_iter().map(|(_, view)| view).collect()
+}
