@@ -54,7 +54,7 @@
 #define NERF_OUTPUT_RGB 1
 
 /**
- * Flag that requests `opacity` of `nerf_target`.
+ * Flag that requests the opacity, 0 to 1: `opacity` of `nerf_target`.
  */
 #define NERF_OUTPUT_OPACITY 2
 
@@ -69,17 +69,17 @@
 #define NERF_OUTPUT_Z_DEPTH 8
 
 /**
- * Flag that requests the median distance, at which transmittance along the ray falls below one half.
+ * Flag that requests the distance at which transmittance falls below one half: `median_distance` of `nerf_target`.
  */
 #define NERF_OUTPUT_MEDIAN_DISTANCE 16
 
 /**
- * Flag that requests `normals` of `nerf_target`.
+ * Flag that requests the normal of the surface: `normals` of `nerf_target`.
  */
 #define NERF_OUTPUT_NORMALS 32
 
 /**
- * The status of a call; the numbers never change, and later versions may add some.
+ * Result of a call: success, or the reason of the failure. The numbers never change; later versions may add statuses.
  */
 enum nerf_status
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -107,7 +107,7 @@ enum nerf_status
      */
     NERF_STATUS_ALIGNMENT = 4,
     /**
-     * The caller's memory is smaller than the result of the size query.
+     * Memory of the caller is smaller than the required size, which for example `nerf_scene_memory` computes.
      */
     NERF_STATUS_MEMORY = 5,
     /**
@@ -115,7 +115,7 @@ enum nerf_status
      */
     NERF_STATUS_OVERLAP = 6,
     /**
-     * A size or a range of addresses overflows.
+     * A size, a stride or a range of addresses is too large.
      */
     NERF_STATUS_OVERFLOW = 7,
     /**
@@ -127,7 +127,7 @@ enum nerf_status
      */
     NERF_STATUS_KERNEL = 9,
     /**
-     * The camera is invalid, or a camera function cannot make a pose or a ray from its arguments.
+     * The camera is invalid, or `nerf_camera_look_at` or `nerf_camera_ray` has no result for the given arguments.
      */
     NERF_STATUS_CAMERA = 10,
     /**
@@ -135,8 +135,8 @@ enum nerf_status
      */
     NERF_STATUS_RECT = 11,
     /**
-     * The target has no plane at all, or one of its planes has a wrong format or stride, or is not accepted by this
-     * call, worker or options.
+     * The target has no plane; or a plane has a wrong format or stride, was not requested when the worker was opened,
+     * or is not allowed in this call, with these options or together with another plane.
      */
     NERF_STATUS_TARGET = 12,
     /**
@@ -148,7 +148,7 @@ enum nerf_status
      */
     NERF_STATUS_OCCUPANCY_REQUIRED = 14,
     /**
-     * A direction of a query, or the `axis` of rays, is not of unit length.
+     * A direction in `dirs` of `nerf_points`, or `axis` of `nerf_rays`, is not of unit length.
      */
     NERF_STATUS_DIRECTION = 15,
     /**
@@ -164,7 +164,7 @@ enum nerf_status
      */
     NERF_STATUS_NOT_A_PICTURE = 18,
     /**
-     * The scene has no usable Pareto front (PSNR against multiply-adds); `nerf-train study` measures one.
+     * The scene has no Pareto front (PSNR against multiply-adds) for this call; `nerf-train study` measures one.
      */
     NERF_STATUS_NO_FRONT = 19,
     /**
@@ -176,8 +176,8 @@ enum nerf_status
      */
     NERF_STATUS_OUT_OF_MEMORY = 21,
     /**
-     * A ray has a direction that is not of unit length, an origin that is not finite, or an invalid range or random
-     * number; or `nerf_render_rays` was given random numbers.
+     * A ray has a direction that is not of unit length, an origin that is not finite, an invalid `t_min` or `t_max`,
+     * or a random number outside [0, 1]; or `nerf_render_rays` was given random numbers.
      */
     NERF_STATUS_RAY = 22,
     /**
@@ -407,8 +407,9 @@ typedef uint32_t nerf_format;
 #endif // __cplusplus
 
 /**
- * Choice of quality settings by the largest allowed loss of PSNR. The loss is the PSNR of the exact rendering minus
- * the PSNR with the settings, dB. A study has measured the loss for each point of the scene's Pareto front.
+ * Largest allowed loss of PSNR, by which `nerf_quality_preset` chooses quality settings. The loss is the PSNR of the
+ * exact rendering minus the PSNR with the settings, dB; `nerf-train study` measures the loss for each point of a
+ * scene's Pareto front (PSNR against multiply-adds).
  */
 enum nerf_preset
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -462,7 +463,7 @@ enum nerf_storage
     NERF_STORAGE_F16 = 1,
     /**
      * f32, converted from f16 without rounding when the scene is opened: faster than f16. The tables of a learned grid
-     * are read directly from the scene file's bytes; only the WebAssembly kernel converts f16 tables to f32.
+     * are not converted, except that the WebAssembly kernel converts f16 tables to f32.
      */
     NERF_STORAGE_F32 = 2,
     /**
@@ -552,11 +553,11 @@ typedef uint32_t nerf_tone_map;
 typedef struct nerf_scene nerf_scene;
 
 /**
- * A worker, which lies at the beginning of the memory that it was opened in, and borrows the scenes.
+ * A renderer of given scenes, with given options, at the beginning of the memory passed to `nerf_worker_open`.
  *
- * A worker owns nothing, and there is nothing to close. Only one call at a time may use a worker: a concurrent call
- * returns `NERF_STATUS_BUSY`, as does every call after `NERF_STATUS_PANIC`. A worker is valid until the caller reuses
- * the worker's memory or a scene's memory.
+ * A worker borrows the scenes and owns nothing: there is nothing to close. Only one call at a time may use a worker: a
+ * concurrent call returns `NERF_STATUS_BUSY`, as does every call after `NERF_STATUS_PANIC`. A worker is valid until
+ * the caller reuses the worker's memory or a scene's memory.
  */
 typedef struct nerf_worker nerf_worker;
 
@@ -597,7 +598,7 @@ typedef struct nerf_text {
 } nerf_text;
 
 /**
- * Description of a scene. For a 2D field, fields that do not apply are 0.
+ * Description of a scene. For a 2D field, fields that do not apply are 0, except `occupied_share`, which is 1.
  */
 typedef struct nerf_scene_info {
     /**
@@ -622,9 +623,9 @@ typedef struct nerf_scene_info {
      */
     float box_max[3];
     /**
-     * Distance at which the scene begins on the rays of its training cameras, world units. The mean of near and far is
-     * a good distance from a camera to the middle of the scene box; other distances work, too. (The name is not
-     * `near`, which is a macro in Windows headers.)
+     * Distance at which the scene begins on the rays of its training cameras, world units. A good distance of a
+     * host's camera from the middle of the scene box is the mean of `near_distance` and `far_distance`; other
+     * distances work, too. (The name is not `near`, which is a macro in Windows headers.)
      */
     float near_distance;
     /**
@@ -688,7 +689,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t steps;
     /**
-     * Number of parameters of the network.
+     * Number of weights and biases of the network. Tables of a learned grid, and proposal networks, are not counted.
      */
     uint64_t parameters;
     /**
@@ -728,8 +729,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t proposal_samples;
     /**
-     * Number of points of the Pareto front (PSNR against multiply-adds) that a study measured; 0 if there was no
-     * study.
+     * Number of points on the Pareto front (PSNR against multiply-adds) from `nerf-train study`; 0 without a front.
      */
     uint32_t front_points;
     /**
@@ -753,8 +753,8 @@ typedef struct nerf_scene_info {
     float contraction_radius;
     /**
      * Exponent `p` of the growth of steps outside the ball of `contraction_radius`: 1, 2 or 4; 0 if the scene ends at
-     * its box. Samples are equally spaced in a position `s` along the ray. A sample's distance from the ray's point
-     * nearest to the ball's centre is `s` radii up to `s = 1`, and `(1 - (s - 1) / p)^-p` radii beyond. If `p` is 1,
+     * its box. Samples are equally spaced in `s`, which is 0 at the ray's point nearest to the ball's centre. The
+     * distance of a sample from this point is `s` radii if `s <= 1`, else `(1 - (s - 1) / p)^-p` radii. If `p` is 1,
      * samples are uniform in disparity (1 / distance); if `p` is 4, nearly uniform in the logarithm of the distance.
      */
     uint32_t contraction_power;
@@ -764,7 +764,7 @@ typedef struct nerf_scene_info {
     uint32_t storage;
     /**
      * Position of the default viewpoint, world units: a view from `eye` towards `target` shows the photographed
-     * subject. `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
+     * subject. Without a viewpoint in the file, `eye`, `target`, `up` and `arc` are 0; with one, `up` has length 1.
      */
     float eye[3];
     /**
@@ -868,8 +868,7 @@ typedef struct nerf_camera {
  */
 typedef struct nerf_instance {
     /**
-     * `sizeof(nerf_instance)`. In an array, all instances have the same `struct_size`, which is the array's stride,
-     * bytes.
+     * `sizeof(nerf_instance)`. All instances of an array must have the same `struct_size`: the array's stride, bytes.
      */
     size_t struct_size;
     /**
@@ -975,12 +974,12 @@ typedef struct nerf_render_options {
      */
     float background[3];
     /**
-     * Number of rays in a batch, at most 256. A tile has at most this number of pixels. 0: a number that keeps vector
-     * units busy. Affects memory and time, never the image.
+     * Number of rays that are rendered together, at most 256; 0 for a number that keeps vector units busy. A tile has
+     * at most this number of pixels. Affects memory and time, never the image.
      */
     uint32_t batch_rays;
     /**
-     * Number of samples that the network evaluates together, at most 64; 0: a number that keeps vector units busy.
+     * Number of samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy.
      * Used only by the portable kernel with f16 weights; all other kernels evaluate 64 samples together.
      */
     uint32_t batch_samples;
@@ -992,13 +991,12 @@ typedef struct nerf_render_options {
     float colour_cut;
     /**
      * Width of the blur of the density, in sample intervals: normals are computed from the gradient of the blurred
-     * density. The blur is a Gaussian with the standard deviation of a box of this width, width / sqrt(12). 0 for
-     * `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are then mostly noise.
+     * density. The blur is a Gaussian of standard deviation width / sqrt(12), equal to that of a box filter of this
+     * width. 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are then mostly noise.
      */
     float normal_blur;
     /**
-     * 1: samples are equally spaced even if the scene has a proposal network. 0: the proposal network, if any, places
-     * samples.
+     * 1: samples are equally spaced even if the scene has a proposal network. 0: the network places the samples.
      */
     uint32_t ignore_proposal;
     /**
@@ -1037,10 +1035,10 @@ typedef struct nerf_request {
      */
     const struct nerf_scene *scene;
     /**
-     * Scenes that the host has placed in its own world, or NULL. Cameras, rays, points and distances are then in the
-     * host's world. Where instances overlap, densities add, and colours are averaged with the densities as weights. An
-     * unbounded scene must be the last instance. The background is the last instance's. Only in a library built with
-     * `instances`.
+     * Scenes that the host has placed in its own world, or NULL. If not NULL, cameras, rays, points and distances are
+     * in the host's world. Where instances overlap, densities add, and colours are averaged with the densities as
+     * weights. An unbounded scene must be the last instance. The background is that of the last instance. Only in a
+     * library built with the feature `instances`.
      */
     const struct nerf_instance *instances;
     /**
@@ -1085,12 +1083,12 @@ typedef struct nerf_rect {
 } nerf_rect;
 
 /**
- * One plane of a target, in the caller's memory: the values of one output, or limits of rays. The first pixel is the
- * top left one of the **rectangle**, not of the image. For rays and points the plane is one row.
+ * One plane of a target, in the caller's memory: one output, or the distances at which rays end. The first pixel is
+ * the top left pixel of the **rendered rectangle**, not of the image. For rays and points, a plane has one row.
  */
 typedef struct nerf_plane {
     /**
-     * Address of the rectangle's top left pixel; NULL leaves the plane out, at no cost.
+     * Address of the top left pixel of the rendered rectangle; NULL leaves the plane out, at no cost.
      */
     void *data;
     /**
@@ -1127,7 +1125,7 @@ typedef struct nerf_target {
      */
     size_t struct_size;
     /**
-     * Colour. Compositing and result are display-encoded, or linear light if `options.effects.linear` is 1.
+     * Colour, display-encoded, or linear light if `options.effects.linear` is 1; composited in the same encoding.
      */
     struct nerf_plane rgb;
     /**
@@ -1135,13 +1133,13 @@ typedef struct nerf_target {
      */
     struct nerf_plane opacity;
     /**
-     * Mean distance of the samples along the ray, weighted by the sample weights, world units. Pixels without a
+     * Mean of the samples' distances along the ray, weighted by the sample weights, world units. Pixels without a
      * surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
      */
     struct nerf_plane ray_distance;
     /**
-     * Mean distance of the samples along the view axis, weighted by the sample weights, world units. Pixels without a
-     * surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
+     * Mean of the samples' distances along the view axis, weighted by the sample weights, world units. Pixels without
+     * a surface (opacity 1e-4 or less) get `far` (see `nerf_target`).
      */
     struct nerf_plane z_depth;
     /**
@@ -1170,9 +1168,9 @@ typedef struct nerf_target {
 } nerf_target;
 
 /**
- * Callback that a render calls on its own thread, before the first tile and after each tile. `pixels_done`: number of
- * finished pixels, never decreasing; `pixels_all`: number of pixels to render. A return value other than 0 cancels the
- * render.
+ * Callback of `nerf_render` and `nerf_render_picture`: called before the first tile and after each tile, on the thread
+ * that renders. `pixels_done`: number of finished pixels, never decreasing; `pixels_all`: number of pixels to render.
+ * A return value other than 0 cancels the render.
  *
  * The callback may call this library, but not with the worker that is rendering. No C++ exception may escape.
  */
@@ -1189,7 +1187,7 @@ typedef struct nerf_frame {
      */
     size_t struct_size;
     /**
-     * Camera from which a scene is seen; NULL for a 2D field.
+     * Camera from which a scene is seen; must be NULL for a 2D field.
      */
     const struct nerf_camera *camera;
     /**
@@ -1201,11 +1199,11 @@ typedef struct nerf_frame {
      */
     const struct nerf_target *target;
     /**
-     * Image width, pixels, if a 2D field is rendered. 0 for a scene: `camera` has the width.
+     * Image width, pixels, if a 2D field is rendered. Must be 0 for a scene, since `camera` has the width.
      */
     uint32_t width;
     /**
-     * Image height, pixels, if a 2D field is rendered. 0 for a scene: `camera` has the height.
+     * Image height, pixels, if a 2D field is rendered. Must be 0 for a scene, since `camera` has the height.
      */
     uint32_t height;
     /**
@@ -1236,8 +1234,7 @@ typedef struct nerf_counters {
      */
     uint64_t samples_kept;
     /**
-     * Number of samples skipped outside the scene box, in empty cells, or behind the point where the ray was
-     * terminated.
+     * Number of samples skipped outside the scene box, in empty cells, or behind the point where the ray ended.
      */
     uint64_t samples_skipped;
     /**
@@ -1264,14 +1261,13 @@ typedef struct nerf_counters {
      */
     uint64_t normal_evaluations;
     /**
-     * Number of evaluations of the proposal network, which finds where to place samples; not included in
-     * `samples_kept`.
+     * Number of evaluations of the proposal network, which finds where to place samples; not part of `samples_kept`.
      */
     uint64_t proposal_evaluations;
 } nerf_counters;
 
 /**
- * Array in the caller's memory, with one element per ray or point. Every element is one float, or three floats.
+ * Array in the caller's memory, with one element per ray or point: a float, or the three floats of a vector (x, y, z).
  */
 typedef struct nerf_floats {
     /**
@@ -1324,12 +1320,12 @@ typedef struct nerf_rays {
     struct nerf_floats random;
     /**
      * Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
-     * of the ray through (cx, cy). May be NULL if the target has no plane `z_depth`.
+     * of the ray through the principal point. May be NULL if the target has no plane `z_depth`.
      */
     const float *axis;
     /**
-     * Planes for the results: one row of `count` pixels; `row_stride` is ignored. Rays and results may be fields of
-     * the same structures. The target's planes of limits must be NULL, since `t_max` limits each ray.
+     * Planes for the results: one row of `count` pixels; `row_stride` is ignored. A ray and its results may be fields
+     * of one structure. The planes `limit_ray_distance` and `limit_z_depth` must be NULL: `t_max` limits each ray.
      */
     const struct nerf_target *target;
 } nerf_rays;
@@ -1369,7 +1365,7 @@ typedef struct nerf_points {
 } nerf_points;
 
 /**
- * Clock of the caller: returns the time in microseconds since any fixed moment. The time never decreases.
+ * Clock of the caller: returns the time in microseconds since any fixed moment. The time must never decrease.
  */
 typedef uint64_t (*nerf_clock)(void *user);
 
@@ -1390,8 +1386,8 @@ typedef struct nerf_pace_request {
      */
     const struct nerf_camera *camera;
     /**
-     * Options of the frame; NULL for the defaults. The quality settings (samples, cuts, occupancy grid, maths,
-     * proposal) are ignored, since each point of the Pareto front has its own.
+     * Options of the frame; NULL for the defaults. Each point of the Pareto front replaces the quality settings
+     * (samples, cuts, occupancy grid, maths, proposal).
      */
     const struct nerf_render_options *options;
     /**
@@ -1399,11 +1395,11 @@ typedef struct nerf_pace_request {
      */
     uint32_t outputs;
     /**
-     * Limit, milliseconds per frame: measuring stops after the first point of the Pareto front that takes longer.
+     * Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first that takes longer.
      */
     float limit_milliseconds;
     /**
-     * Clock, called with `user`; must not touch the workspace. NULL for the library's own clock, which needs std.
+     * Clock, called with `user`; must not use the workspace. NULL for the library's clock (only if built with std).
      */
     nerf_clock clock;
     /**
@@ -1436,7 +1432,7 @@ typedef struct nerf_choice {
      */
     size_t struct_size;
     /**
-     * PSNR of the exact rendering minus PSNR with the settings, dB, as a study measured it; negative for a gain.
+     * PSNR of the exact rendering minus PSNR with the settings, dB, from `nerf-train study`; negative for a gain.
      */
     float loss_db;
     /**
@@ -1498,10 +1494,10 @@ nerf_status nerf_scene_memory(const void *blob,
 /**
  * Opens a scene in the caller's memory; allocates nothing and owns nothing.
  *
- * The scene borrows `blob` (the scene file's bytes) and `memory`: the caller neither moves nor changes these while the
- * scene is used. `memory`: has at least the size and alignment from `nerf_scene_memory`, and does not overlap `blob`.
- * `scene` receives the handle on success only; there is nothing to close. `message`: NULL, or a buffer for an error
- * message. Neither `message` nor `scene` may overlap `blob` or `memory`.
+ * The scene borrows `blob` (the scene file's bytes) and `memory`: the caller must not move or change `blob` and
+ * `memory` while the scene is used. `memory` must have at least the size and alignment from `nerf_scene_memory`.
+ * `blob` and `memory` must not overlap each other, `scene` or `message`. `scene` receives the handle on success only;
+ * there is nothing to close. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1557,9 +1553,9 @@ nerf_status nerf_scene_describe(const struct nerf_scene *scene,
 /**
  * Places a camera at `eye`, looking at `target`; the direction `up` points upwards in the image.
  *
- * `camera`: the caller sets `struct_size`; the other fields may have any values. The call writes only `c2w`, and on an
- * error nothing. `eye`, `target`, `up`: three floats each, world units; `up` of any length. `NERF_STATUS_CAMERA` if
- * `eye` equals `target`, or `up` points along the view. `message`: NULL, or a buffer for an error message.
+ * `camera`: the caller sets `struct_size`; the other fields may have any values. The call writes only `c2w`, and only
+ * on success. `eye`, `target`, `up`: three floats each, world units; `up` of any length. `NERF_STATUS_CAMERA` if
+ * `eye` equals `target`, or `up` is 0 or parallel to the view axis. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1575,11 +1571,11 @@ nerf_status nerf_camera_look_at(struct nerf_camera *camera,
  * Computes the ray through an image point, for example to evaluate points on the ray with `nerf_query`.
  *
  * `x`, `y`: image point, pixels from left and top; pixel (0, 0) has its centre at (0.5, 0.5). The point may lie
- * outside the image. `NERF_STATUS_CAMERA` if the direction overflows f32, or if the lens distortion cannot be inverted
- * at the point: it has no inverse there, or the distorted image folds over itself between principal point and image
- * point. `origin`, `dir`: three floats each, world space; `dir` has unit length and takes account of the distortion.
- * `z_per_distance`: NULL, or receives the cosine between ray and view axis: times a distance along the ray, it gives
- * the distance along the view axis. Results are written on success only. `message`: NULL, or a buffer for an error
+ * outside the image. `origin`, `dir`: three floats each, world space; `dir` has unit length and takes account of the
+ * lens distortion. `z_per_distance`: NULL, or receives the cosine of the angle between ray and view axis; a distance
+ * along the ray times this cosine is the distance along the view axis. Results are written on success only. Returns
+ * `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the image point, or if the
+ * distorted image folds over itself between principal point and image point. `message`: NULL, or a buffer for an error
  * message.
  *
  * # Safety
@@ -1612,11 +1608,11 @@ nerf_status nerf_worker_size(const struct nerf_request *request,
                              size_t message_capacity);
 
 /**
- * Opens a worker in the caller's memory. Checks the request and divides the memory once for all later calls.
+ * Opens a worker in the caller's memory. Checks the request and lays out the memory, which later calls do not repeat.
  *
- * The worker borrows `memory` and the scenes: the caller neither moves nor changes these while the worker is used.
- * Each thread needs a worker of its own. `memory`: has at least the size and alignment from `nerf_worker_size`, and
- * does not overlap scenes, scene files or any other argument. `worker` receives the handle on success only; there is
+ * The worker borrows `memory` and the scenes: the caller must not move or change these while the worker is used. Each
+ * thread needs a worker of its own. `memory` must have at least the size and alignment from `nerf_worker_size`, and
+ * must not overlap scenes, scene files or any other argument. `worker` receives the handle on success only; there is
  * nothing to close. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
@@ -1659,8 +1655,8 @@ nerf_status nerf_render(struct nerf_worker *worker,
  * 1x1 to 8388608x8388608 shows the whole field. `picture_width` and `picture_height` of `nerf_scene_info` give the
  * field's own aspect ratio. To show a detail, render a rectangle of a large image.
  *
- * `worker`: opened for the 2D field; of its options only `maths`, `batch_rays` and `batch_samples` matter. The target
- * may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.
+ * `worker`: must be opened for the 2D field. Of the options only `maths`, `batch_rays` and `batch_samples` matter. All
+ * planes of the target but `rgb` must be NULL. A 2D field is opaque: alpha is 1. All else is as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -1675,11 +1671,11 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
 /**
  * Renders the caller's own rays: ray i is pixel i of the target.
  *
- * A ray may begin outside, inside or behind the scene. If a ray's opacity is at most 1e-4, it meets no surface, and
- * its distances are the smallest of three: `t_max`, `far_distance` of the options unless that is 0, and a bound,
- * computed from the scene's extent, on the distance from the ray's origin to any visible point. Without jitter, the
- * rays of a camera's pixels give the camera's image, bit for bit. For shadow rays, render opacity alone, which is less
- * work. Other planes do not change the opacity.
+ * A ray may begin outside, inside or behind the scene. A ray with an opacity of at most 1e-4 counts as meeting no
+ * surface. The distances of this ray are then the smallest of three: `t_max`; `far_distance` of the options, unless
+ * `far_distance` is 0; and a bound, computed from the scene's extent, on the distance from the ray's origin to any
+ * visible point. Without jitter, the rays of a camera's pixels give the camera's image, bit for bit. For shadow rays,
+ * render the opacity alone, which is less work: the opacity is the same with and without other planes.
  *
  * All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is not NULL, or if a
  * ray has an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0
@@ -1700,16 +1696,15 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
 /**
  * Samples the point on each ray at which a photon collides with the medium, for path tracers.
  *
- * A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. Then
- * opacity is 1, distances are measured to the collision, and colour and normal are those of the field at the
- * collision. Without a collision, opacity is 0, distances are infinite, and colour is the background (0 in RGBA
- * planes). Cuts in the options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in
- * `nerf_render_rays`.
+ * A ray's photon collides where the opacity accumulated along the ray reaches the ray's number in `random`. A ray with
+ * a collision has opacity 1, the distance to the collision, and the field's colour and normal at the collision. A ray
+ * without a collision has opacity 0, infinite distances, and the background's colour (0 in RGBA planes). Cuts in the
+ * options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in `nerf_render_rays`.
  *
  * If a ray is sampled often, with uniform random numbers, the means converge to the results of `nerf_render_rays`
  * without cuts. Opacity and colour are averaged over all results, distance and normal over the results with a
- * collision. With deferred shading, however, the mean colour differs: the colour branch is evaluated for the
- * collision's sample alone.
+ * collision. The mean colour of a scene with deferred shading differs: `nerf_render_rays` evaluates the colour branch
+ * once per ray from composited features, `nerf_sample_rays` at the collision's sample alone.
  *
  * # Safety
  * Pointers are NULL or point to what `nerf_render_rays` describes. The caller has not freed, moved or overwritten the
@@ -1724,10 +1719,10 @@ nerf_status nerf_sample_rays(struct nerf_worker *worker,
 /**
  * Evaluates density and colour at points seen along directions.
  *
- * `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted. Of its options, only `ignore_occupancy` and `maths`
- * affect the results, and `effects.linear` the colour. `sigma` and `rgb` must not overlap other memory of the call. If
- * a direction is not of unit length, the call returns `NERF_STATUS_DIRECTION` and writes no results. `counters`: NULL,
- * or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
+ * `worker`: must have been opened with `NERF_OUTPUT_RGB` unless `points->rgb.data` is NULL. Of the worker's options,
+ * only `ignore_occupancy`, `maths` and, for colour, `effects.linear` affect results. `sigma` and `rgb` must not
+ * overlap other memory of the call. Returns `NERF_STATUS_DIRECTION` and no results if a direction is not of length 1.
+ * `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -1759,11 +1754,11 @@ nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
  *
  * For each point, cheapest first, renders about 2,048 pixels, spread over the view, and scales the time up to a whole
  * frame. Stops after the first point with a time above `request->limit_milliseconds`; the times of the more expensive
- * points are infinity. Measure on an idle host.
+ * points are infinity. Returns `NERF_STATUS_NO_FRONT` without a Pareto front, or if this build can render no point.
  *
- * `workspace`: has the size and alignment from `nerf_pace_workspace_size`, and does not overlap the scene or its
- * file's bytes. `pace`: receives the times on success; the caller sets `struct_size`. `NERF_STATUS_NO_FRONT` if the
- * scene has no Pareto front. `message`: NULL, or a buffer for an error message.
+ * Measure on an idle host. `workspace`: must have the size and alignment from `nerf_pace_workspace_size`, and must not
+ * overlap the scene or the bytes of the scene's file. `pace`: receives the times on success; the caller sets
+ * `struct_size`. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -1780,11 +1775,11 @@ nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
  * Writes to `options` the cheapest settings with a PSNR at most `loss_db` below the PSNR of the exact rendering.
  *
  * `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
- * replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
- * front loses more PSNR, the point of highest PSNR is chosen, and `choice->within` is 0. `NERF_STATUS_NO_FRONT` if the
- * scene has no Pareto front, or if this build can render none of its points; nothing is written then. A point's
- * transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: NULL, or a buffer for an error
- * message.
+ * replaced, other fields are kept. `choice`: NULL, or receives the chosen point. If the PSNR of every point of the
+ * scene's Pareto front is lower, the point of highest PSNR is chosen, and `choice->within` is 0. Writes nothing and
+ * returns `NERF_STATUS_NO_FRONT` if the scene has no Pareto front with a point that this build can render. A point's
+ * transmittance cut may exceed 0.5; a request for median distances with such a cut is an error. `message`: NULL, or a
+ * buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -1798,8 +1793,7 @@ nerf_status nerf_quality_within_loss(const struct nerf_scene *scene,
                                      size_t message_capacity);
 
 /**
- * Writes to `options` the settings of highest PSNR that take at most `ratio` times the multiply-adds of the exact
- * rendering.
+ * Writes to `options` the settings of highest PSNR with at most `ratio` times the multiply-adds of exact rendering.
  *
  * If every point of the scene's Pareto front costs more, the cheapest point is chosen. Everything else is as in
  * `nerf_quality_within_loss`.
@@ -1819,9 +1813,9 @@ nerf_status nerf_quality_within_cost(const struct nerf_scene *scene,
  * Writes to `options` the settings of highest PSNR with a frame time of at most `milliseconds`. `pace`: frame times
  * from `nerf_pace_measure`.
  *
- * If every measured point of the scene's Pareto front takes longer, the fastest is chosen. `NERF_STATUS_NO_FRONT` if
- * no point was measured. `choice->milliseconds` is the expected time of a frame. Everything else is as in
- * `nerf_quality_within_loss`.
+ * Considers only points of the scene's Pareto front with a finite time in `pace`. If each of these points takes
+ * longer, chooses the fastest. Returns `NERF_STATUS_NO_FRONT` if no point has a finite time. `choice->milliseconds`
+ * is the expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
  *
  * # Safety
  * Pointers are NULL or point to what `nerf_quality_within_loss` describes, `pace` to a `nerf_pace`. The caller has not
@@ -1838,9 +1832,9 @@ nerf_status nerf_quality_within_time(const struct nerf_scene *scene,
 /**
  * Writes to `options` the settings of a point of the scene's Pareto front.
  *
- * `point`: index of the point, below `front_points` of `nerf_scene_info`; 0 is the most expensive point. For hosts
- * that show the whole trade-off or choose by their own rules. `NERF_STATUS_OPTIONS` for a point that does not exist,
- * `NERF_STATUS_NO_FRONT` for a point that this build cannot render. `choice->within` is 1. Everything else is as in
+ * `point`: index of the point, below `front_points` of `nerf_scene_info`; 0 is the most expensive point. A host can
+ * thus show all points or choose by its own rules. Returns `NERF_STATUS_OPTIONS` if the point does not exist, and
+ * `NERF_STATUS_NO_FRONT` if this build cannot render the point. Sets `choice->within` to 1. Everything else is as in
  * `nerf_quality_within_loss`.
  *
  * # Safety
@@ -1857,11 +1851,11 @@ nerf_status nerf_quality_point(const struct nerf_scene *scene,
 /**
  * Writes to `options` the cheapest settings that lose no more PSNR than `preset`, a `nerf_preset`, allows.
  *
- * If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. A scene without a
- * Pareto front gets fixed settings. `NERF_PRESET_EXACT` is then the exact rendering, and `NERF_PRESET_HIGH` the
- * default options. BALANCED: transmittance cut 0.03, colour cut 0.03 (lost 0.05 dB on one test scene). FAST:
- * transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1, four fifths of the
- * scene's samples (0.9 dB). On your scene, the loss is unknown.
+ * If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. For a scene
+ * without a Pareto front, writes fixed settings, whose loss in the scene is unknown (in brackets: loss in one test
+ * scene). EXACT: the exact rendering. HIGH: the default options. BALANCED: transmittance cut 0.03, colour cut 0.03
+ * (0.05 dB). FAST: transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1,
+ * four fifths of the scene's samples (0.9 dB).
  *
  * `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
  * an error message.
@@ -1877,16 +1871,16 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 size_t message_capacity);
 
 /**
- * Writes an English report of a worker's frames: which stages are on, and why the other stages are off. With
- * `counters`, also reports the work of each stage.
+ * Writes an English report of a worker's frames: which stages are on, and why the other stages are off. If `counters`
+ * is not NULL, also reports the work of each stage.
  *
- * The text is for people: its wording may change between versions. With several instances, the text has one part for
- * each instance.
+ * The text is for people: its wording may change between versions. If the worker has several instances, the text has
+ * one part for each instance.
  *
- * `counters`: NULL, or the counters that a call of this worker wrote; ignored with several instances. `text`: NULL, or
- * a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or receives the length of
- * the uncut text with its NUL, bytes. `text` and `needed` are written on success only; a cut text is a success.
- * `message`: NULL, or a buffer for an error message.
+ * `counters`: NULL, or the counters that a call of this worker wrote; ignored if the worker has several instances.
+ * `text`: NULL, or a buffer of `capacity` bytes; the text is cut to fit, and NUL-terminated. `needed`: NULL, or
+ * receives the length of the uncut text with its NUL, bytes. `text` and `needed` are written on success only; a cut
+ * text is a success. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of

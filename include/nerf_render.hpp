@@ -177,7 +177,7 @@ auto member(C &&container, F S::*field) noexcept {
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
 inline std::string_view version() noexcept { return nerf_version_text(); }
 
-/// A view of a text inside a scene file; valid as long as the file's bytes.
+/// A view of a text inside a scene file; valid while the file's bytes stay in memory.
 inline std::string_view view(const nerf_text &text) noexcept { return {text.data, text.length}; }
 
 // --------------------------------------------------------------------------------------- errors
@@ -295,7 +295,7 @@ struct ending {
 /// Type of an omitted callback argument. Omitted progress: nothing is called. Omitted clock: the library's own is used.
 struct none {};
 
-/// A nerf_progress that calls a C++ callable; noexcept since C calls it. `user`: address of a pointer to the callable.
+/// A nerf_progress that calls a C++ callable. noexcept: the caller is C. `user`: address of a pointer to the callable.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -343,7 +343,7 @@ public:
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Makes an object that uses, but never frees, the memory of a container. The container must not move while in use.
+    /// Makes an object that uses, but never frees, a container's memory. The container must not move during this use.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -403,7 +403,7 @@ vec3 to_vec3(const V &of, long) noexcept { return {to_float(of[0]), to_float(of[
 
 } // namespace detail
 
-/// The ray through an image point: `dir` has unit length, and z_depth of a target is z_per_distance * ray_distance.
+/// The ray through an image point; `dir` has unit length. Distance along the view axis: z_per_distance * ray distance.
 struct ray {
     vec3 origin, dir;
     float z_per_distance = 0.0f;
@@ -532,8 +532,8 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// A plane that receives one output or contains the limits of rays. The plane refers to the caller's memory, which
-/// holds all pixels of target::window; target::at checks the length. An output without a plane is not computed.
+/// A plane that receives one output or contains the distances at which rays end. The plane refers to the caller's
+/// memory for the pixels of target::window; target::at checks the size. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -592,7 +592,7 @@ private:
     bool there_ = false;
 };
 
-/// Planes for an image or its part `window`, any rectangle of which can be rendered. Planes for rays have one row.
+/// Planes for an image or for its rectangle `window`. A call can render part of a plane. Planes for rays have one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
     /// Inputs, at most one of the two: distance at which each pixel's ray ends. nerf::z_depth converts depth buffers.
@@ -717,7 +717,7 @@ public:
         return detail::layout_of(nerf_scene_memory, blob.data(), blob.size(), &how);
     }
 
-    /// Opens a scene in the memory `home`, lent or owned. `blob`: the scene file's bytes; must not change while in use.
+    /// Opens a scene in the memory `home`, lent or owned. `blob`: the file's bytes, unchanged while the scene is used.
     static result<scene> open(bytes blob, memory home, const open_options &how = {}) noexcept {
         scene opened;
         opened.home_ = std::move(home);
@@ -870,8 +870,8 @@ private:
 struct instance : detail::sized<nerf_instance> {
     /// Places the scene in its own coordinates, without a transform.
     explicit instance(const nerf::scene &of) noexcept { scene = of.get(); }
-    /// Places the scene by a transform from scene to world coordinates: 16 floats with the last row 0, 0, 0, 1. Any
-    /// other matrix, such as a row-major translation, gives an invalid instance (`struct_size` 0), which is refused.
+    /// Places the scene by a transform from scene to world coordinates: 16 floats with the last row 0, 0, 0, 1. For any
+    /// other matrix, such as a row-major translation, opening a worker of the instance gives NERF_STATUS_TRANSFORM.
     instance(const nerf::scene &of, span<const float> column_major) noexcept : instance(of) {
         const float *const m = column_major.data();
         const bool affine = column_major.size() == 16 && m[3] == 0.0f && m[7] == 0.0f && m[11] == 0.0f &&
@@ -921,7 +921,7 @@ public:
     nerf_worker *get() const noexcept { return handle_.value; }
 
     /// Renders a camera's image, or its rectangle `part`. `progress`: called before the first tile and after each tile,
-    /// with (pixels done, all pixels) or no arguments. `progress` returns void or whether to continue; must not throw.
+    /// with (pixels done, all pixels) or no arguments. `progress` must not throw, and returns void, or false to cancel.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {

@@ -35,14 +35,14 @@
 //! | no surface | if `opacity <=` [`volume::OPACITY_EPSILON`], `ray_distance` and `z_depth` are `far`, and the normal is 0 |
 //! | `sigma` | density, `>= 0`, per world unit |
 //! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
-//! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front, summed in log space, compensated |
+//! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front; the sum is a compensated sum (Kahan) |
 //! | `weights`, `opacity` | a weight is `transmittance · alpha`; the opacity is the sum of the weights, `<= 1` |
 //! | samples | only on the part of a ray inside the scene box, for any camera position |
-//! | samples, scene with a step | at equal steps, from the point where the ray enters the box |
+//! | samples, scene with a fixed step | at equal steps, from the point where the ray enters the box |
 //! | samples, scene with n bins | one in each bin of width (far − near) / n. One bin begins at near, and the bins cover all of the ray inside the box. With a proposal network, the bins cover only near to far |
 //! | samples, unbounded scene | from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
 //! | `far` | distance that is output for pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far or, if larger, the camera's distance from the farthest corner of the box. With bins that cover only near to far: the scene's far. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
-//! | last bin | of finite length; in a scene with a step, the last bin ends where the ray leaves the box |
+//! | last bin | of finite length; in a scene with a fixed step, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field | x right, y down, each from 0 to 1 over the image, for any aspect ratio; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
 //! | sinusoidal encoding | the inputs themselves (optional); then, for each level `k`, `sin(2^k s x)` of every input, followed by `cos(2^k s x)` of every input; `s` is π or 1 |
@@ -65,7 +65,7 @@
 //! | `normals` | yes | the output `normals`, from the gradient of the density: a backward pass through the network |
 //! | `proposal` | yes | samples drawn from a coarse proposal network, if the scene has one |
 //! | `grid` | yes | learned multiresolution grids ([`encoding::GridEncoding`]), and spherical harmonics |
-//! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened; firmware reads int8 tables directly from the file's bytes |
+//! | `coded` | yes | entropy-coded tables of grids, decoded into memory when a scene is opened. Not for firmware, which reads uncoded int8 tables directly from the file's bytes |
 //! | `contraction` | yes | unbounded scenes ([`space::Contraction`]) |
 //! | `instances` | yes | several fields in one world ([`Worker::of_instances`]); also enables `median` and `normals` |
 //! | `std` | yes | [`host`]: scenes that own their bytes; reading of files; rendering on several threads |

@@ -1,6 +1,6 @@
-//! A macro for enums of choices. Each variant is declared with the name that command-line options and reports use.
+//! A macro that declares enums whose variants have names for command-line options and reports.
 
-/// Declares an enum of choices, each variant with the name that command-line options and reports use.
+/// Declares an enum from its variants and their names, with the constant `ALL` (all variants) and the method `name`.
 macro_rules! names {
     ($(#[$about:meta])* pub enum $choice:ident { $($(#[$doc:meta])* $variant:ident = $name:literal,)+ }) => {
         $(#[$about])*

@@ -35,13 +35,13 @@ pub fn architecture(
     }
 }
 
-/// A small network with every kind of layer.
+/// Architecture of a small scene network with every kind of layer, such as a skip layer and a colour branch.
 pub fn every_kind() -> Architecture {
     architecture(pi(3, 4), Some(pi(3, 2)), &[(24, false), (20, false), (17, true)], &[12, 9])
 }
 
-/// Error bound for tests with `kernel`: the larger of `exact` and 0.01 if the kernel rounds weights and activations to
-/// bf16 (8 significant bits), else `exact`.
+/// Error bound for tests with `kernel`: `exact`, but at least 0.01 if the kernel rounds weights and activations to bf16
+/// (8 significant bits).
 pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
     if kernel.rounds() { exact.max(1e-2) } else { exact }
 }
@@ -88,7 +88,7 @@ pub fn parameters(architecture: &Architecture, seed: u32) -> Vec<f32> {
     all
 }
 
-/// Rounds parameters to little-endian f16, and returns the rounded values in f32, too.
+/// Rounds parameters to f16. Returns the rounded values twice: as the bytes of little-endian f16, and as f32.
 pub fn halve(parameters: &[f32]) -> (Vec<u8>, Vec<f32>) {
     let halves = parameters.iter().map(|&p| half::f16::from_f32(p));
     (halves.clone().flat_map(|h| h.to_le_bytes()).collect(), halves.map(|h| h.to_f32()).collect())
@@ -106,13 +106,13 @@ pub const SCENE: SceneFacts = SceneFacts {
     viewpoint: None,
 };
 
-/// Size of the image of the tests' 2D field.
+/// Image size of the 2D field that the tests use.
 pub const PICTURE: PictureFacts = PictureFacts { width: 30, height: 20 };
 
 pub const PROVENANCE: Provenance<'static> =
     Provenance { data: "none", made_by: "unit tests", ..Provenance::NONE };
 
-/// A blob body with the tests' scene.
+/// A blob body with [`SCENE`]; without proposal network, Pareto front and tables.
 pub fn body<'a>(
     architecture: Architecture,
     occupancy: Option<StoredOccupancy<'a>>,
@@ -130,12 +130,12 @@ pub fn body<'a>(
     }
 }
 
-/// A blob body with the tests' 2D field.
+/// A blob body with [`PICTURE`], a 2D field.
 pub fn picture_body(architecture: Architecture, weights: &[u8]) -> Body<'_> {
     Body { content: Content::Picture(PICTURE), ..body(architecture, None, weights) }
 }
 
-/// Writes a blob and returns its bytes.
+/// Encodes `body` as a blob and returns the blob's bytes.
 pub fn bytes(body: &Body<'_>) -> Vec<u8> {
     let mut out = vec![0; blob::encoded_len(body).unwrap()];
     blob::write(body, &mut out).unwrap();

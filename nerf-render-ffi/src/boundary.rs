@@ -23,8 +23,7 @@ pub(crate) unsafe trait Versioned: Copy {
 }
 
 /// Implements [`Versioned`]. Example: `versioned!(unsafe Camera, "camera", by_width(116, 120))`. Messages then say
-/// "camera"; the size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with 64-bit ones.
-///
+/// "camera"; the size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with 64-bit pointers.
 /// `unsafe`: the caller ensures `repr(C)`, and fields valid for any bytes: numbers, pointers or optional functions.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
@@ -121,7 +120,7 @@ pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>)
     call_with_reason(message, body)
 }
 
-/// Runs the body of a call, as [`call`] does. The error may have any type, for example one that names a file.
+/// Runs the body of a call, as [`call`] does. The error may be any [`Reason`], such as one that names a file.
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
@@ -214,7 +213,7 @@ pub(crate) fn check_zeros(name: &'static str, fields: &[u32]) -> Result<(), Fail
     if fields.iter().all(|&field| field == 0) { Ok(()) } else { Err(Failure::Reserved(name)) }
 }
 
-/// Converts a C enum's number `found` to `names[found]`. For an unknown number, the error has `name` and `expected`.
+/// Converts a C enum's number `found` to `names[found]`, or to an error "`name`: expected `expected`, found `found`".
 pub(crate) fn named<T: Copy>(
     names: &[Option<T>],
     name: &'static str,
@@ -247,6 +246,7 @@ impl<T: Versioned> Out<T> {
         Ok(Self { at, size })
     }
 
+    /// Checks the pointer and `struct_size`, as [`Out::new`] does; `None` if `at` is NULL.
     /// # Safety
     /// As for [`Out::new`].
     pub unsafe fn new_or_none(at: *mut T) -> Result<Option<Self>, Failure> {

@@ -72,6 +72,7 @@ pub struct Camera {
 versioned!(unsafe Camera, "camera", by_width(116, 120));
 
 impl Camera {
+    /// Reads and checks the camera at `at`, and converts the camera to the renderer's type.
     /// # Safety
     /// `at` is NULL or points to `struct_size` readable bytes.
     pub(crate) unsafe fn read(at: *const Self) -> Result<camera::Camera, Failure> {
@@ -88,8 +89,7 @@ impl Camera {
     }
 }
 
-/// Returns the three floats at `at`; an error that names `name` if `at` is NULL or misaligned.
-///
+/// Returns the three floats at `at`; an error that contains `name` if `at` is NULL or misaligned.
 /// # Safety
 /// `at` is NULL or points to three floats.
 pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec3, Failure> {

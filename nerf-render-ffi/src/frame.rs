@@ -54,15 +54,15 @@ impl Rect {
 pub struct Frame {
     /// `sizeof(nerf_frame)`.
     pub struct_size: usize,
-    /// Camera from which a scene is seen; NULL for a 2D field.
+    /// Camera from which a scene is seen; must be NULL for a 2D field.
     pub camera: *const Camera,
     /// Rectangle to render; NULL for the whole image. An empty rectangle writes nothing.
     pub rect: *const Rect,
     /// Planes that receive the pixels. A plane must be NULL if `nerf_request` did not ask for its output.
     pub target: *const Target,
-    /// Image width, pixels, if a 2D field is rendered. 0 for a scene: `camera` has the width.
+    /// Image width, pixels, if a 2D field is rendered. Must be 0 for a scene, since `camera` has the width.
     pub width: u32,
-    /// Image height, pixels, if a 2D field is rendered. 0 for a scene: `camera` has the height.
+    /// Image height, pixels, if a 2D field is rendered. Must be 0 for a scene, since `camera` has the height.
     pub height: u32,
     /// Callback, called with `user` before the first tile and after each tile of at most 16x16 pixels; may be NULL.
     pub progress: Progress,
@@ -131,8 +131,8 @@ pub unsafe extern "C" fn nerf_render(
 /// 1x1 to 8388608x8388608 shows the whole field. `picture_width` and `picture_height` of `nerf_scene_info` give the
 /// field's own aspect ratio. To show a detail, render a rectangle of a large image.
 ///
-/// `worker`: must be opened for the 2D field. Of the options only `maths`, `batch_rays` and `batch_samples` matter. The
-/// target may have only the plane `rgb`. A 2D field is opaque: alpha is 1. Everything else is as in `nerf_render`.
+/// `worker`: must be opened for the 2D field. Of the options only `maths`, `batch_rays` and `batch_samples` matter. All
+/// planes of the target but `rgb` must be NULL. A 2D field is opaque: alpha is 1. All else is as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of

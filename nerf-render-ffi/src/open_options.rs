@@ -71,7 +71,7 @@ pub struct OpenOptions {
 
 versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 
-/// Returns the instruction set and storage in the options; an error if this machine does not support them.
+/// Returns the instruction set and storage that the options select; an error if this machine does not support them.
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.

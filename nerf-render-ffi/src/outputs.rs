@@ -1,4 +1,4 @@
-//! Outputs of each pixel, ray or point.
+//! Flags that choose the outputs to compute for each pixel, ray or point.
 
 use crate::failure::Failure;
 use crate::render_options::at_most;
@@ -12,7 +12,7 @@ pub const NERF_OUTPUT_OPACITY: u32 = 2;
 pub const NERF_OUTPUT_RAY_DISTANCE: u32 = 4;
 /// Flag that requests the mean distance along the view axis: `z_depth` of `nerf_target`.
 pub const NERF_OUTPUT_Z_DEPTH: u32 = 8;
-/// Flag that requests the median distance, at which transmittance along the ray falls below one half.
+/// Flag that requests the distance at which transmittance falls below one half: `median_distance` of `nerf_target`.
 pub const NERF_OUTPUT_MEDIAN_DISTANCE: u32 = 16;
 /// Flag that requests the normal of the surface: `normals` of `nerf_target`.
 pub const NERF_OUTPUT_NORMALS: u32 = 32;

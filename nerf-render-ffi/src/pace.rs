@@ -43,14 +43,14 @@ pub struct PaceRequest {
     pub scene: *const Scene,
     /// Camera of the measured frame; not read by `nerf_pace_workspace_size`.
     pub camera: *const Camera,
-    /// Options of the frame; NULL for the defaults. The quality settings (samples, cuts, occupancy grid, maths,
-    /// proposal) are ignored, since each point of the Pareto front has its own.
+    /// Options of the frame; NULL for the defaults. Each point of the Pareto front replaces the quality settings
+    /// (samples, cuts, occupancy grid, maths, proposal).
     pub options: *const RenderOptions,
     /// Outputs of the measured frame: `NERF_OUTPUT_*` flags, or-ed.
     pub outputs: u32,
-    /// Limit, milliseconds per frame: measuring stops after the first point of the Pareto front that takes longer.
+    /// Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first that takes longer.
     pub limit_milliseconds: f32,
-    /// Clock, called with `user`; must not touch the workspace. NULL for the library's own clock, which needs std.
+    /// Clock, called with `user`; must not use the workspace. NULL for the library's clock (only if built with std).
     pub clock: Clock,
     /// Argument passed to `clock`.
     pub user: *mut c_void,
@@ -88,11 +88,11 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 ///
 /// For each point, cheapest first, renders about 2,048 pixels, spread over the view, and scales the time up to a whole
 /// frame. Stops after the first point with a time above `request->limit_milliseconds`; the times of the more expensive
-/// points are infinity. Measure on an idle host.
+/// points are infinity. Returns `NERF_STATUS_NO_FRONT` without a Pareto front, or if this build can render no point.
 ///
-/// `workspace`: must have the size and alignment from `nerf_pace_workspace_size`, and must not overlap the scene or the
-/// bytes of the scene's file. `pace`: receives the times on success; the caller sets `struct_size`. Returns
-/// `NERF_STATUS_NO_FRONT` if the scene has no Pareto front. `message`: NULL, or a buffer for an error message.
+/// Measure on an idle host. `workspace`: must have the size and alignment from `nerf_pace_workspace_size`, and must not
+/// overlap the scene or the bytes of the scene's file. `pace`: receives the times on success; the caller sets
+/// `struct_size`. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -134,7 +134,7 @@ pub unsafe extern "C" fn nerf_pace_measure(
     })
 }
 
-/// Returns a copy of the request, its scene, and a plan with the request's options except the quality settings.
+/// Returns the request at `at`, the request's scene, and a plan of the request's options, but with exact quality.
 ///
 /// # Safety
 /// As for [`nerf_pace_measure`].

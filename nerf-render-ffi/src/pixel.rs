@@ -80,7 +80,7 @@ pub(crate) enum Channel {
 }
 
 impl Channel {
-    /// Returns the plane's name for messages, and the `NERF_OUTPUT_*` flag that the plane needs; a flag of 0 for none.
+    /// Returns the name of this channel's plane, and the `NERF_OUTPUT_*` flag that the plane needs; 0 if no flag.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),
@@ -114,7 +114,7 @@ impl Channel {
         }
     }
 
-    /// Returns the format whose number is `number`; `None` if the format does not suit this channel.
+    /// Returns the format with this number; `None` if no format has the number or the format does not suit the channel.
     pub fn format(self, number: u32) -> Option<PixelFormat> {
         use PixelFormat::*;
         let suits: &[PixelFormat] = match self {

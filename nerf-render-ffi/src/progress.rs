@@ -6,9 +6,9 @@ use core::ffi::c_void;
 #[cfg(not(feature = "std"))]
 type Bare = unsafe extern "C" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32;
 
-/// Callback that `nerf_render` and `nerf_render_picture` call on the thread of their caller, before the first tile and
-/// after each tile. `pixels_done`: number of finished pixels, never decreasing; `pixels_all`: number of pixels to
-/// render. A return value other than 0 cancels the render.
+/// Callback of `nerf_render` and `nerf_render_picture`: called before the first tile and after each tile, on the thread
+/// that renders. `pixels_done`: number of finished pixels, never decreasing; `pixels_all`: number of pixels to render.
+/// A return value other than 0 cancels the render.
 ///
 /// The callback may call this library, but not with the worker that is rendering. No C++ exception may escape.
 pub type Progress =

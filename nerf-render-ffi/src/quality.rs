@@ -86,11 +86,11 @@ fn without_time(choice: plan::Choice) -> (plan::Choice, f32) {
 /// Writes to `options` the cheapest settings with a PSNR at most `loss_db` below the PSNR of the exact rendering.
 ///
 /// `options`: the caller sets `struct_size`; the quality settings (samples, cuts, occupancy grid, maths, proposal) are
-/// replaced, other fields stay. `choice`: NULL, or receives the chosen point. If every point of the scene's Pareto
-/// front loses more, the point of highest PSNR is chosen, and `choice->within` is 0. Writes nothing and returns
-/// `NERF_STATUS_NO_FRONT` if the scene has no Pareto front with a point that this build can render. A point's
-/// transmittance cut may exceed 0.5: rendering then refuses median distances. `message`: NULL, or a buffer for an error
-/// message.
+/// replaced, other fields are kept. `choice`: NULL, or receives the chosen point. If the PSNR of every point of the
+/// scene's Pareto front is lower, the point of highest PSNR is chosen, and `choice->within` is 0. Writes nothing and
+/// returns `NERF_STATUS_NO_FRONT` if the scene has no Pareto front with a point that this build can render. A point's
+/// transmittance cut may exceed 0.5; a request for median distances with such a cut is an error. `message`: NULL, or a
+/// buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -138,9 +138,9 @@ pub unsafe extern "C" fn nerf_quality_within_cost(
 /// Writes to `options` the settings of highest PSNR with a frame time of at most `milliseconds`. `pace`: frame times
 /// from `nerf_pace_measure`.
 ///
-/// Only points of the scene's Pareto front that have a finite time in `pace` are considered: if all of these take
-/// longer, the fastest is chosen; if there are none, returns `NERF_STATUS_NO_FRONT`. `choice->milliseconds` is the
-/// expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
+/// Considers only points of the scene's Pareto front with a finite time in `pace`. If each of these points takes
+/// longer, chooses the fastest. Returns `NERF_STATUS_NO_FRONT` if no point has a finite time. `choice->milliseconds`
+/// is the expected time of a frame. Everything else is as in `nerf_quality_within_loss`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what `nerf_quality_within_loss` describes, `pace` to a `nerf_pace`. The caller has not
@@ -166,9 +166,9 @@ pub unsafe extern "C" fn nerf_quality_within_time(
 
 /// Writes to `options` the settings of a point of the scene's Pareto front.
 ///
-/// `point`: index of the point, below `front_points` of `nerf_scene_info`; 0 is the most expensive point. For hosts
-/// that show the whole trade-off or choose by their own rules. `NERF_STATUS_OPTIONS` for a point that does not exist,
-/// `NERF_STATUS_NO_FRONT` for a point that this build cannot render. `choice->within` is 1. Everything else is as in
+/// `point`: index of the point, below `front_points` of `nerf_scene_info`; 0 is the most expensive point. A host can
+/// thus show all points or choose by its own rules. Returns `NERF_STATUS_OPTIONS` if the point does not exist, and
+/// `NERF_STATUS_NO_FRONT` if this build cannot render the point. Sets `choice->within` to 1. Everything else is as in
 /// `nerf_quality_within_loss`.
 ///
 /// # Safety
@@ -200,10 +200,10 @@ pub unsafe extern "C" fn nerf_quality_point(
 /// Writes to `options` the cheapest settings that lose no more PSNR than `preset`, a `nerf_preset`, allows.
 ///
 /// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. For a scene
-/// without a Pareto front, writes fixed settings, whose loss in the scene is unknown. EXACT: the exact rendering. HIGH:
-/// the default options. BALANCED: transmittance cut 0.03, colour cut 0.03 (loss in one test scene: 0.05 dB). FAST:
-/// transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1, four fifths of the
-/// scene's samples (0.9 dB).
+/// without a Pareto front, writes fixed settings, whose loss in the scene is unknown (in brackets: loss in one test
+/// scene). EXACT: the exact rendering. HIGH: the default options. BALANCED: transmittance cut 0.03, colour cut 0.03
+/// (0.05 dB). FAST: transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1,
+/// four fifths of the scene's samples (0.9 dB).
 ///
 /// `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
 /// an error message.

@@ -42,9 +42,9 @@ versioned!(unsafe Points, "points", by_width(64, 112));
 
 /// Evaluates density and colour at points seen along directions.
 ///
-/// `worker`: opened with `NERF_OUTPUT_RGB` if colour is wanted. Only three of the worker's options affect the results:
-/// `ignore_occupancy`, `maths` and, for colour, `effects.linear`. `sigma` and `rgb` must not overlap other memory of
-/// the call. If a direction is not of unit length, the call returns `NERF_STATUS_DIRECTION` and writes no results.
+/// `worker`: must have been opened with `NERF_OUTPUT_RGB` unless `points->rgb.data` is NULL. Of the worker's options,
+/// only `ignore_occupancy`, `maths` and, for colour, `effects.linear` affect results. `sigma` and `rgb` must not
+/// overlap other memory of the call. Returns `NERF_STATUS_DIRECTION` and no results if a direction is not of length 1.
 /// `counters`: NULL, or receives counts of the work on success. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety

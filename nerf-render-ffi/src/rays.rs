@@ -14,7 +14,7 @@ use nerf_core::camera::Ray;
 use nerf_core::render::RaySegment;
 use nerf_core::volume::Pixel;
 
-/// Array in the caller's memory, with one element per ray or point. Every element is one float, or three floats.
+/// Array in the caller's memory, with one element per ray or point: a float, or the three floats of a vector (x, y, z).
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Floats {
@@ -25,7 +25,7 @@ pub struct Floats {
 }
 
 impl Floats {
-    /// Checks the array: `count` elements of `each` floats. Returns the elements, and the memory that they occupy.
+    /// Checks address and stride of an array of `count` elements of `each` floats. Returns the array and its memory.
     pub(crate) fn check(
         &self,
         name: &'static str,
@@ -93,8 +93,8 @@ pub struct Rays {
     /// Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
     /// of the ray through the principal point. May be NULL if the target has no plane `z_depth`.
     pub axis: *const f32,
-    /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. Rays and results may be fields of
-    /// the same structures. The planes `limit_ray_distance` and `limit_z_depth` must be NULL: `t_max` limits each ray.
+    /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. A ray and its results may be fields
+    /// of one structure. The planes `limit_ray_distance` and `limit_z_depth` must be NULL: `t_max` limits each ray.
     pub target: *const Target,
 }
 
@@ -191,7 +191,7 @@ impl Arrays {
         Ok(Self { origins, dirs, t_min, t_max, random, read })
     }
 
-    /// Returns ray `i` with its `t_min` (0 if that array is NULL) and `t_max` (infinity if that array is NULL).
+    /// Returns ray `i`. Without an array of `t_min`, `t_min` is 0; without an array of `t_max`, `t_max` is infinity.
     ///
     /// # Safety
     /// As for [`Numbers::at`].

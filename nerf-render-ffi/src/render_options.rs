@@ -79,10 +79,10 @@ pub struct RenderOptions {
     pub background_set: u32,
     /// Background colour, display-encoded, in `[0, 1]`; read only if `background_set` is 1.
     pub background: [f32; 3],
-    /// Number of rays in a batch, at most 256. A tile has at most this number of pixels. 0: a number that keeps vector
-    /// units busy. Affects memory and time, never the image.
+    /// Number of rays that are rendered together, at most 256; 0 for a number that keeps vector units busy. A tile has
+    /// at most this number of pixels. Affects memory and time, never the image.
     pub batch_rays: u32,
-    /// Number of samples that the network evaluates together, at most 64; 0: a number that keeps vector units busy.
+    /// Number of samples that the network evaluates together, at most 64; 0 for a number that keeps vector units busy.
     /// Used only by the portable kernel with f16 weights; all other kernels evaluate 64 samples together.
     pub batch_samples: u32,
     /// Weight threshold, less than 1. The weights of successive samples on a ray are summed until the sum exceeds the
@@ -90,10 +90,10 @@ pub struct RenderOptions {
     /// `NERF_COLOUR_CUT_DEFAULT`; `NERF_NONE` evaluates every colour. Never affects opacity or distances.
     pub colour_cut: f32,
     /// Width of the blur of the density, in sample intervals: normals are computed from the gradient of the blurred
-    /// density. The blur is a Gaussian. Its standard deviation is width / sqrt(12), as of a box of this width. 0 for
-    /// `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are then mostly noise.
+    /// density. The blur is a Gaussian of standard deviation width / sqrt(12), equal to that of a box filter of this
+    /// width. 0 for `NERF_NORMAL_BLUR_DEFAULT`. `NERF_NONE` for no blur: normals are then mostly noise.
     pub normal_blur: f32,
-    /// 1: samples are equally spaced even in a scene with a proposal network. 0: that network, if any, places samples.
+    /// 1: samples are equally spaced even if the scene has a proposal network. 0: the network places the samples.
     pub ignore_proposal: u32,
     /// Distance along a ray at which visibility begins, world units, at least 0.
     pub near_distance: f32,

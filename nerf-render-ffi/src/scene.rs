@@ -102,10 +102,10 @@ pub unsafe extern "C" fn nerf_scene_memory(
 
 /// Opens a scene in the caller's memory; allocates nothing and owns nothing.
 ///
-/// The scene borrows `blob` (the scene file's bytes) and `memory`: the caller neither moves nor changes these while the
-/// scene is used. `memory`: has at least the size and alignment from `nerf_scene_memory`, and does not overlap `blob`.
-/// `scene` receives the handle on success only; there is nothing to close. `message`: NULL, or a buffer for an error
-/// message. Neither `message` nor `scene` may overlap `blob` or `memory`.
+/// The scene borrows `blob` (the scene file's bytes) and `memory`: the caller must not move or change `blob` and
+/// `memory` while the scene is used. `memory` must have at least the size and alignment from `nerf_scene_memory`.
+/// `blob` and `memory` must not overlap each other, `scene` or `message`. `scene` receives the handle on success only;
+/// there is nothing to close. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

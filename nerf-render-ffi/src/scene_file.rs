@@ -168,7 +168,7 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Returns the bytes of a scene file; an error if the header is invalid, or contains another length than the file has.
+/// Returns the bytes of a scene file; an error if the header is invalid or gives a length other than the file's.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.

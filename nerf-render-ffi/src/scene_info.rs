@@ -50,7 +50,7 @@ impl Text {
     }
 }
 
-/// Description of a scene. For a 2D field, fields that do not apply are 0.
+/// Description of a scene. For a 2D field, fields that do not apply are 0, except `occupied_share`, which is 1.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct SceneInfo {
@@ -65,9 +65,9 @@ pub struct SceneInfo {
     pub box_min: [f32; 3],
     /// Corner of the scene box with the largest x, y and z, world units.
     pub box_max: [f32; 3],
-    /// Distance at which the scene begins on the rays of its training cameras, world units. The mean of near and far is
-    /// a good distance from a camera to the middle of the scene box; other distances work, too. (The name is not
-    /// `near`, which is a macro in Windows headers.)
+    /// Distance at which the scene begins on the rays of its training cameras, world units. A good distance of a
+    /// host's camera from the middle of the scene box is the mean of `near_distance` and `far_distance`; other
+    /// distances work, too. (The name is not `near`, which is a macro in Windows headers.)
     pub near_distance: f32,
     /// Distance at which the scene ends on the rays of its training cameras, world units.
     pub far_distance: f32,
@@ -142,7 +142,7 @@ pub struct SceneInfo {
     /// Storage of the weights: a `nerf_storage`, never `NERF_STORAGE_AUTO`.
     pub storage: u32,
     /// Position of the default viewpoint, world units: a view from `eye` towards `target` shows the photographed
-    /// subject. `eye`, `target`, `up` and `arc` are 0 if the file has no viewpoint; otherwise `up` is not 0.
+    /// subject. Without a viewpoint in the file, `eye`, `target`, `up` and `arc` are 0; with one, `up` has length 1.
     pub eye: [f32; 3],
     /// Position of the subject of the photographs, world units: the centre of an orbit around the subject.
     pub target: [f32; 3],

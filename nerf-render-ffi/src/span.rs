@@ -13,7 +13,7 @@ pub(crate) struct Span {
 impl Span {
     pub const EMPTY: Self = Self { start: 0, length: 0 };
 
-    /// Returns the address range of `length` bytes from `start`; an error if no Rust slice could be that long.
+    /// Returns a range of `length` bytes from `start`; an error if `length` exceeds an `isize` or the end overflows.
     pub fn new(name: &'static str, start: *const c_void, length: usize) -> Result<Self, Failure> {
         let start = start as usize;
         let fits = isize::try_from(length).is_ok() && start.checked_add(length).is_some();
@@ -36,7 +36,7 @@ impl Span {
         !shared.is_empty()
     }
 
-    /// Returns an error if the two ranges share a byte. The error calls `self` by `name`, and `other` by `of`.
+    /// Returns an error if the ranges share a byte. `name`: name of `self` in the error; `of`: name of `other`.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         if self.meets(other) { Err(Failure::Overlap { name, other: of }) } else { Ok(()) }
     }
@@ -53,7 +53,7 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if the arrays overlap. Two fields in one array of structures interleave, and are no error.
+    /// Returns an error if the arrays overlap. Interleaved arrays, such as two fields of structures, do not overlap.
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
@@ -71,7 +71,7 @@ impl Pieces {
     }
 }
 
-/// Bytes of a plane: `rows` × `columns` pixels of `size` bytes, without overlap; pixels and rows may have gaps between.
+/// Memory of a plane: `rows` × `columns` disjoint pixels of `size` bytes; gaps may lie between pixels and between rows.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneBytes {
     /// Lowest address of the plane.
@@ -84,7 +84,7 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// Describes the memory of a plane. `data`: address of the top left pixel. No address of the plane may overflow.
+    /// Describes a plane's memory. `data`: address of the top left pixel. The caller ensures that no address overflows.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),

@@ -20,24 +20,24 @@ pub enum Status {
     Memory = 5,
     /// Two ranges of memory overlap, but must not.
     Overlap = 6,
-    /// A size or a range of addresses overflows.
+    /// A size, a stride or a range of addresses is too large.
     Overflow = 7,
     /// A setting is outside its range, or this build of the library lacks what the setting asks for.
     Options = 8,
     /// This machine lacks the instructions of the requested kernel or storage.
     Kernel = 9,
-    /// The camera is invalid, or a camera function cannot make a pose or a ray from its arguments.
+    /// The camera is invalid, or `nerf_camera_look_at` or `nerf_camera_ray` has no result for the given arguments.
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
-    /// The target has no plane at all, or a plane has a wrong format or stride, or a plane is not allowed in this call,
-    /// with this worker or with these options.
+    /// The target has no plane; or a plane has a wrong format or stride, was not requested when the worker was opened,
+    /// or is not allowed in this call, with these options or together with another plane.
     Target = 12,
     /// The scene file contains a 2D field, not a scene: `nerf_render_picture` renders 2D fields.
     NotAScene = 13,
     /// The scene's occupancy grid is part of its model and cannot be ignored.
     OccupancyRequired = 14,
-    /// A direction of a query, or the `axis` of rays, is not of unit length.
+    /// A direction in `dirs` of `nerf_points`, or `axis` of `nerf_rays`, is not of unit length.
     Direction = 15,
     /// The progress callback cancelled the render; finished tiles are in the planes.
     Cancelled = 16,
@@ -45,7 +45,7 @@ pub enum Status {
     Panic = 17,
     /// The scene file contains a scene, not a 2D field: `nerf_render` renders scenes.
     NotAPicture = 18,
-    /// The scene has no usable Pareto front (PSNR against multiply-adds); `nerf-train study` measures one.
+    /// The scene has no Pareto front (PSNR against multiply-adds) for this call; `nerf-train study` measures one.
     NoFront = 19,
     /// The file cannot be read.
     File = 20,

@@ -10,8 +10,8 @@ use core::ffi::c_void;
 use nerf_core::render::{Limit, Rect};
 use nerf_core::volume::Pixel;
 
-/// One plane of a target, in the caller's memory: the values of one output, or limits of rays. The first pixel is the
-/// top left one of the **rendered rectangle**, not of the image. For rays and points the plane is one row.
+/// One plane of a target, in the caller's memory: one output, or the distances at which rays end. The first pixel is
+/// the top left pixel of the **rendered rectangle**, not of the image. For rays and points, a plane has one row.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Plane {
@@ -40,7 +40,7 @@ pub struct Plane {
 pub struct Target {
     /// `sizeof(nerf_target)`.
     pub struct_size: usize,
-    /// Colour, composited and returned display-encoded, or as linear light if `options.effects.linear` is 1.
+    /// Colour, display-encoded, or linear light if `options.effects.linear` is 1; composited in the same encoding.
     pub rgb: Plane,
     /// Opacity, in `[0, 1]`.
     pub opacity: Plane,
@@ -94,7 +94,7 @@ impl Canvas {
     /// Checks the planes of a target for the rectangle `rect` of an image.
     ///
     /// # Safety
-    /// `at` is NULL or readable for `struct_size` bytes. Its planes are NULL, or writable while the canvas is used.
+    /// `at` is NULL or readable for `struct_size` bytes. The planes are NULL, or writable while the canvas is used.
     pub unsafe fn of_image(at: *const Target, rect: Rect, worker: &State) -> Result<Self, Failure> {
         let extent = (rect.width as usize, rect.height as usize);
         // SAFETY: the arguments are valid, as this function's `# Safety` requires.
@@ -113,7 +113,7 @@ impl Canvas {
     /// Checks planes for results of `count` points; `rgb.data` may be NULL. A plane must not overlap inputs in `read`.
     ///
     /// # Safety
-    /// As for [`Canvas::of_image`].
+    /// The planes are NULL, or writable while the canvas is used.
     pub unsafe fn of_points(
         sigma: &Plane,
         rgb: &Plane,
@@ -137,7 +137,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks every plane of a target with `check`, and that outputs do not overlap. `read`: as for `check`.
+    /// Checks each plane of a target with `check`. Returns an error if two outputs overlap. `read`: see `check`.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].

@@ -134,7 +134,7 @@ pub(crate) unsafe fn with_worker(
 /// Calls `body` with the state and a copy of `*asked`. Writes the result of `body` to `counters` if not NULL.
 ///
 /// # Safety
-/// `worker` as in [`with_worker`]; `asked` and `counters` are NULL or point to structures of their `struct_size`.
+/// `worker` as in [`with_worker`]. `asked` and `counters`: NULL, or address of a structure of `struct_size` bytes.
 pub(crate) unsafe fn with_worker_and<T: Versioned>(
     worker: *mut Worker,
     asked: *const T,
@@ -228,7 +228,7 @@ impl Checked {
     /// Returns the scene of instance `_index`; the request's only scene if the request has no instances.
     ///
     /// # Safety
-    /// As in [`Checked::read`]; the scenes stay as they are during `'a`.
+    /// `_index` is below [`Checked::count`]. The request is as in [`Checked::read`]; its scenes are valid during `'a`.
     unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -243,7 +243,7 @@ impl Checked {
     }
 
     /// # Safety
-    /// As in [`Checked::read`].
+    /// `index` is below [`Checked::count`]. The request is valid as in [`Checked::read`].
     #[cfg(feature = "instances")]
     unsafe fn placement(&self, index: usize) -> Result<Placement, Failure> {
         if !self.placed {
@@ -274,7 +274,7 @@ impl Checked {
     }
 
     /// # Safety
-    /// As for [`Checked::scene`].
+    /// The request and its scenes are valid, as [`Checked::scene`] requires.
     unsafe fn shares(&self) -> Result<Shares, Failure> {
         // SAFETY: the arguments are valid, as this function's `# Safety` requires.
         let (index, last) = (self.count() - 1, unsafe { self.scene(self.count() - 1)? });
@@ -331,7 +331,7 @@ pub unsafe extern "C" fn nerf_worker_size(
     unsafe { call_for_size((size, align), message, || Ok(Checked::read(request)?.shares()?.bytes)) }
 }
 
-/// Opens a worker in the caller's memory. Checks the request and divides the memory once for all later calls.
+/// Opens a worker in the caller's memory. Checks the request and lays out the memory, which later calls do not repeat.
 ///
 /// The worker borrows `memory` and the scenes: the caller must not move or change these while the worker is used. Each
 /// thread needs a worker of its own. `memory` must have at least the size and alignment from `nerf_worker_size`, and
@@ -408,7 +408,7 @@ impl Lent {
         }
     }
 
-    /// Makes `count` values, `make(0)`, `make(1)`, …, in the next unused lines and returns them.
+    /// Stores `make(index)` for each `index` below `count` in the next unused lines. Returns the stored values.
     ///
     /// # Safety
     /// As for [`Lent::lines`]; `count` there is the number of lines that the values take.

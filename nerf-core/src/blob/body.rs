@@ -29,8 +29,8 @@ pub struct Body<'a> {
     pub occupancy: Option<StoredOccupancy<'a>>,
     /// Pareto front of render settings: PSNR against multiply-adds, most expensive first. Empty if not measured.
     pub front: ParetoFront,
-    /// A second, cheaper network, if the scene has one. The compositing weights of its samples decide where on the ray
-    /// the scene's network is sampled.
+    /// The proposal network, if the scene has one: a second, cheaper network. The compositing weights of this network's
+    /// samples determine where on a ray the scene's network is sampled.
     #[serde(borrow)]
     pub proposal: Option<Proposal<'a>>,
     /// Origin of the blob: data, program, settings and measured PSNR.
@@ -87,7 +87,7 @@ impl<'a> StoredTables<'a> {
         }
     }
 
-    /// The scales of the levels, little-endian f32; `None` for f16 entries, which have no scales.
+    /// Returns the scale of each level, little-endian f32: the factor of the stored integers. `None` for f16 tables.
     pub const fn scales(&self) -> Option<&'a [u8]> {
         match self {
             Self::F16(_) => None,
@@ -127,16 +127,17 @@ pub struct PictureFacts {
     pub height: u32,
 }
 
-/// Bounds of a scene, placement of samples on its rays, background colour and default viewpoint.
+/// Bounds of a scene, placement of samples on a ray, background colour and default viewpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SceneFacts {
     /// Corner of the scene box with the smallest coordinates, world units.
     pub min: [f32; 3],
     /// Corner of the scene box with the largest coordinates, world units.
     pub max: [f32; 3],
-    /// Smallest distance from a training camera at which its rays are sampled, world units.
+    /// Smallest distance from a training camera at which the camera's rays are sampled, world units.
     pub near: f32,
-    /// Largest distance of samples on such a ray, world units. For unbounded scenes see [`SceneSampling::Contracted`].
+    /// Largest distance from a training camera at which the camera's rays are sampled, world units. In an unbounded
+    /// scene, `far` is measured from another point: see [`SceneSampling::Contracted`].
     pub far: f32,
     /// Where samples lie on a ray: in equal bins, at equal steps, or at growing steps through unbounded space.
     pub sampling: SceneSampling,
@@ -187,7 +188,7 @@ pub enum SceneSampling {
 }
 
 impl SceneFacts {
-    /// Number of samples per ray. [`SceneSampling::Bins`]: the number of bins. [`SceneSampling::March`]: the number of
+    /// Number of samples per ray. [`SceneSampling::Bins`]: the stored number. [`SceneSampling::March`]: the number of
     /// steps along the box's diagonal. [`SceneSampling::Contracted`]: the number of steps on a ray through the middle
     /// of the inner ball, from the ray's entry into the ball to distance `far` past the middle.
     pub fn samples(&self) -> u16 {
@@ -248,8 +249,8 @@ pub(crate) fn steps(length: f32, step: f32) -> u32 {
 pub struct StoredOccupancy<'a> {
     /// Number of cells along x, y, z.
     pub resolution: [u16; 3],
-    /// One bit per cell. Cell (x, y, z) of a grid of nx × ny × nz cells has bit `(x * ny + y) * nz + z`, counted from
-    /// the least significant bit of each byte. Padding bits are 0.
+    /// One bit per cell. The bit of cell (x, y, z) of nx × ny × nz cells has the index `i = (x * ny + y) * nz + z`: bit
+    /// `i % 8` of byte `i / 8`, counted from the least significant bit. Padding bits are 0.
     #[serde(serialize_with = "as_bytes")]
     pub bits: &'a [u8],
 }
@@ -265,17 +266,16 @@ impl StoredOccupancy<'_> {
 /// The Pareto front of a scene's render settings: PSNR against multiply-adds, most expensive point first.
 pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
 
-/// A point of a scene's Pareto front: the settings of a [`Quality`](crate::plan::Quality), the PSNR lost with these
-/// settings, and their cost. Of two points of a front, the cheaper point never has the higher PSNR.
-///
-/// The cost is a number of multiply-adds, not a time, since a time depends on the host.
+/// A point of a scene's Pareto front: the settings of a [`Quality`](crate::plan::Quality), with the PSNR and the cost
+/// of these settings relative to the exact rendering. Of two points of a front, the cheaper never has the higher PSNR.
+/// The cost is counted in multiply-adds, not in time, since a time depends on the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrontPoint {
     /// Samples per ray, 1 to [`MAX_SAMPLES`].
     pub samples: u16,
     /// Transmittance below which a ray ends, `[0, 1)`.
     pub transmittance_cut: f32,
-    /// Compositing weight above which a sample's colour is evaluated, `[0, 1)`.
+    /// Sum of compositing weights above which a colour is evaluated, `[0, 1)`; for details see `Quality::colour_cut`.
     pub colour_cut: f32,
     /// Whether empty cells are skipped; true only in a scene with an occupancy grid.
     pub occupancy: bool,
@@ -290,8 +290,8 @@ pub struct FrontPoint {
     pub cost: f32,
 }
 
-/// A proposal network: a coarse network with encoding, trunk and density head, but no colour. The inputs are positions
-/// in the scene box.
+/// A proposal network: a coarse network with encoding, trunk and density head, but no colour layers. The inputs are
+/// positions in the scene box.
 ///
 /// # Source
 /// Mildenhall et al. 2020, section 5.2: the coarse network. Deviation: a blob does not store the colour layers of the
@@ -300,8 +300,8 @@ pub struct FrontPoint {
 pub struct Proposal<'a> {
     /// Encoding of the position. The scene's network may have another encoding.
     pub position: SinusoidalEncoding,
-    /// Hidden layers of the trunk, in order. The first layer takes the encoded position alone; later layers may have a
-    /// skip input.
+    /// Hidden layers of the trunk, in order. The first layer takes the encoded position alone. A later layer takes the
+    /// previous layer's output, and also the encoded position if the layer has a skip connection.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
     /// Activation of the density head.
     pub density: DensityActivation,
@@ -364,7 +364,7 @@ impl Provenance<'_> {
     };
 }
 
-/// Serialises all bytes in one call instead of one call per byte. The output is the same.
+/// Serialises a byte slice in one call. Serde would otherwise make one call per byte, with the same output.
 fn as_bytes<S: Serializer>(bytes: &&[u8], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_bytes(bytes)
 }

@@ -164,7 +164,7 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     if body.tables.is_some() { Err(BlobError::Field(Section::Tables)) } else { Ok(()) }
 }
 
-/// Checks the tables of a grid encoding: sizes, scales and finite values. Any other encoding must have no tables.
+/// Checks a grid encoding's tables: lengths, scales, and that all values are finite. Other encodings must have none.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     use super::body::StoredTables;

@@ -12,9 +12,9 @@
 use super::error::BlobError;
 use crate::encoding::GridEncoding;
 
-/// Number of different symbols: values of 4 bits.
+/// Number of different symbols. A symbol is a number of 4 bits.
 const SYMBOLS: usize = 16;
-/// Binary logarithm of the total length of a model's intervals: a probability is a multiple of 2^-15.
+/// Binary logarithm of the total length of the intervals of a [`Model`]: probabilities are multiples of 2^-15.
 const BITS: u32 = 15;
 /// Smallest state of the rANS coder between two symbols; also the encoder's initial state.
 const LEAST: u32 = 1 << 16;
@@ -22,8 +22,8 @@ const LEAST: u32 = 1 << 16;
 const OFFSET: u8 = 0x88;
 /// Upper 4 bits of every small value (-8 to 7) after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of context classes of the entropy coder. The class of a value follows from the sum of two magnitudes: the
-/// magnitude of the value just before, and that of the same feature in the previous table entry.
+/// Number of classes of the entropy coder's contexts. The class for a value depends on the sum of two magnitudes: of
+/// the previous value, and of the same feature's value in the previous table entry.
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
@@ -38,7 +38,7 @@ const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 struct Model {
     /// Beginning of each symbol's interval. An interval ends where the next begins, and the last ends at 2^[`BITS`].
     begins: [i16; SYMBOLS],
-    /// Number of symbols that the model has adapted to; stops at 255.
+    /// Number of symbols that the model has adapted to; the count stops at 255.
     seen: u8,
 }
 
@@ -143,7 +143,7 @@ enum Half {
 /// bytes: one byte yields at most 6,100 values.
 ///
 /// # Errors
-/// [`BlobError::CodedEnd`] if `bytes` end too early; [`BlobError::CodedRest`] if no tables encode to `bytes`.
+/// [`BlobError::CodedEnd`] if `bytes` end too early; [`BlobError::CodedRest`] if no encoder writes these `bytes`.
 pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8)) -> Result<(), BlobError> {
     let (first, rest) = bytes.split_first_chunk().ok_or(BlobError::CodedEnd { level: 0, index: 0 })?;
     let (mut state, words) = (u32::from_le_bytes(*first), rest.as_chunks::<2>());

@@ -91,8 +91,8 @@ impl<'a> Blob<'a> {
         self
     }
 
-    /// Address of the weights. Two blobs that exist at the same time have equal addresses only if they borrow the same
-    /// bytes.
+    /// Address of the weights, by which a renderer checks that a plan was made for this blob. Two blobs that exist
+    /// at the same time have equal addresses only if they borrow the same bytes.
     pub(crate) fn identity(&self) -> usize {
         self.body.weights.as_ptr().addr()
     }
@@ -164,7 +164,7 @@ impl<'a> Blob<'a> {
         self.body.coded().map_or(0, |(grid, _)| grid.values())
     }
 
-    /// Decodes entropy-coded tables into `to`: [`Blob::decoded_len`] int8 values. Does nothing for other tables.
+    /// Decodes entropy-coded tables into `to`, which must have [`Blob::decoded_len`] bytes. Ignores other tables.
     ///
     /// # Errors
     /// Cannot fail after [`Blob::open`]. After [`Blob::open_undecoded`], fails if the coded bytes are invalid.

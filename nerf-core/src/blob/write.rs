@@ -17,7 +17,7 @@ pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     Ok(HEADER_LEN.saturating_add(length))
 }
 
-/// Writes the blob of `body` to the beginning of `out` and returns the written bytes.
+/// Writes a blob (a header, then `body`) to the beginning of `out` and returns the written bytes.
 ///
 /// # Errors
 /// The [`BlobError`] with which [`super::Blob::open`] would refuse the blob, or [`BlobError::Space`] if `out` is too

@@ -207,9 +207,9 @@ impl Camera {
         Ok(())
     }
 
-    /// Checks that the lens can be inverted at 17×17 points over the image, and has no fold on the segments from the
-    /// principal point to the points on the image border. Together, the segments pass near every point of the image.
-    /// Skips these tests if the distortion is provably weak. Past a fold, one image point shows two directions.
+    /// Checks that the lens can be inverted at 17×17 points over the image. For the points on the border, also checks
+    /// that no fold lies between the axis and the point: past a fold, one image point shows two directions. A provably
+    /// weak distortion passes untested. Without the feature `lens`, every distortion is an error.
     fn check_lens(&self) -> Result<(), CameraError> {
         if self.lens == Lens::NONE {
             return Ok(());
@@ -236,16 +236,16 @@ impl Camera {
         Ok(())
     }
 
-    /// Returns this camera at another pose.
+    /// Returns a copy of this camera with the pose `pose`.
     ///
     /// # Errors
-    /// [`CameraError`] if a number is not finite, a coordinate is outside ±1e9, or the matrix is not a rotation.
+    /// [`CameraError`] unless the coordinates of the position are within ±1e9 and the matrix is a rotation within 1e-3.
     pub fn at(&self, pose: Pose) -> Result<Self, CameraError> {
         pose.check()?;
         Ok(Self { pose, ..*self })
     }
 
-    /// Returns this camera at `pose`, without a check. `pose` must be this camera's pose, rotated, scaled and moved.
+    /// Returns this camera in a field's coordinates. `pose`: this camera's pose, transformed to the field; not checked.
     #[cfg(feature = "instances")]
     pub(crate) fn moved(&self, pose: Pose) -> Self {
         Self { pose, ..*self }
@@ -256,7 +256,7 @@ impl Camera {
         &self.intrinsics
     }
 
-    /// Distortion coefficients of the lens.
+    /// Projection and distortion coefficients of the lens.
     pub fn lens(&self) -> &Lens {
         &self.lens
     }
@@ -318,8 +318,8 @@ impl Camera {
         Some((i.cx + i.fx * u, i.cy + i.fy * v))
     }
 
-    /// Returns a camera with one pixel for each block of `right` × `down` pixels; a pixel's ray goes through the middle
-    /// of its block. Incomplete blocks at the edges are dropped, and each side has at least one pixel.
+    /// Returns a camera with one pixel per whole block of `right` × `down` pixels; the pixel's ray goes through the
+    /// middle of the block. `right` is clamped to the range from 1 to the image width, `down` from 1 to the height.
     pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
         // `new` checked that no side is 0. `max(1)` lets the compiler see that `clamp` cannot panic.

@@ -7,7 +7,7 @@ use crate::space::SceneBox;
 use core::marker::PhantomData;
 use serde::{Deserialize, Serialize};
 
-/// A type without values: builds without the feature `grid` support no grids. Opening a file with a grid fails with
+/// An uninhabited type, since builds without the feature `grid` support no grids. Opening a file with a grid fails with
 /// [`BlobError::NotBuilt`](crate::blob::BlobError::NotBuilt).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum GridEncoding {}

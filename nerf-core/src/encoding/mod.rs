@@ -33,8 +33,8 @@ use serde::{Deserialize, Serialize};
 pub enum PositionEncoding {
     /// Sines and cosines of each coordinate.
     Sinusoidal(SinusoidalEncoding),
-    /// A multiresolution grid: interpolated entries of learned tables. Without the feature `grid`, no value of this
-    /// variant exists.
+    /// A multiresolution grid: interpolated entries of learned tables. In builds without the feature `grid`, this
+    /// variant cannot be constructed.
     Grid(GridEncoding),
 }
 
@@ -118,7 +118,7 @@ impl From<SinusoidalEncoding> for DirectionEncoding {
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum TableValues<'a> {
-    /// Finite little-endian f16 at any alignment, as stored in a file.
+    /// One little-endian f16 per table value, as stored in a file: finite, at any alignment.
     F16(&'a [u8]),
     /// Signed 8-bit integers, as stored in a file. Each table value is an integer times the scale of its level.
     Int8 {

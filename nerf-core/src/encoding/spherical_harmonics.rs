@@ -12,15 +12,15 @@ pub(crate) const BUILT: bool = cfg!(feature = "grid");
 /// Maximum number of bands of spherical harmonics.
 pub const MAX_HARMONICS_DEGREE: u8 = 4;
 
-/// Encodes a block of directions by the `degree²` real spherical harmonics of the bands below `degree`. Does nothing in
+/// Encodes a block of directions by the `degree²` real spherical harmonics of bands `l < degree`. Does nothing in
 /// a build without the feature `grid`, which refuses networks with spherical harmonics.
 ///
 /// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Row `l² + l + m` of `out` is `Y_l^m`, orthonormal
 /// over the sphere, with the Condon–Shortley phase. Rows 0 to 3: `½ √(1/π)`, `−√(3/4π) y`, `√(3/4π) z`, `−√(3/4π) x`.
-/// `stride`: number of directions. If `stride` is no multiple of [`Isa::columns`], directions are encoded one by one.
+/// `stride`: number of directions. Unless it is a multiple of [`Isa::columns`], all directions are encoded one by one.
 ///
 /// # Accuracy
-/// 5e-7 absolute, for directions of unit length.
+/// Absolute error of at most 5e-7, for directions of unit length.
 ///
 /// # Source
 /// Sloan 2013, "Efficient Spherical Harmonic Evaluation"; the order and signs are tiny-cuda-nn's.

@@ -12,9 +12,9 @@ use std::path::PathBuf;
 pub enum HostError {
     /// The file could not be read.
     Read { path: PathBuf, source: std::io::Error },
-    /// The file is not a valid blob.
+    /// The file's content is invalid, or this build cannot open it.
     Open { path: PathBuf, source: BlobError },
-    /// The requested settings or outputs do not fit the scene.
+    /// A requested setting or output is invalid, or not supported by the scene or this build.
     Plan(PlanError),
     /// Rendering failed: for example, a ray or the image size is invalid, or there is not enough memory.
     Render(RenderError),

@@ -45,7 +45,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// Makes a black image with the planes of `outputs`.
+    /// Makes an image with a plane of zeros for each output in `outputs`.
     ///
     /// # Errors
     /// [`RenderError::ImageMemory`] if there is not enough memory.

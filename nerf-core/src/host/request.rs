@@ -35,7 +35,7 @@ impl<'s> Request<'s> {
         self
     }
 
-    /// Sets quality, effects, background, visible range, blur of normals and bins; by default [`Settings::default`].
+    /// Sets all settings of the frame, such as quality, effects, background; by default [`Settings::default`].
     pub fn settings(mut self, settings: Settings) -> Self {
         self.settings = settings;
         self
@@ -50,7 +50,7 @@ impl<'s> Request<'s> {
     /// Renders an image.
     ///
     /// # Errors
-    /// [`HostError::Plan`] names the setting that does not fit the scene. [`HostError::Render`]: not enough memory.
+    /// [`HostError::Plan`] if a setting is invalid or unsupported; [`HostError::Render`] if there is not enough memory.
     pub fn render(&self, camera: &Camera) -> Result<Image, HostError> {
         let renderer = self.scene.renderer();
         let plan = self.settings.plan(renderer.blob(), self.outputs, Batch::FULL)?;
@@ -60,8 +60,8 @@ impl<'s> Request<'s> {
     /// Renders one pixel per ray. `axis`: unit vector along which `z_depth` is measured; with `None`, `z_depth` is 0.
     ///
     /// # Errors
-    /// As [`Request::render`], and [`HostError::Render`] if a ray is invalid (the error has the ray's index), if `axis`
-    /// is not of unit length, or if the settings have anti-aliasing or depth of field, which need a camera.
+    /// [`HostError::Plan`] as in [`Request::render`]. [`HostError::Render`], with the ray's index, if a ray is invalid;
+    /// also if `axis` is not of unit length, or if anti-aliasing or depth of field is set, which need a camera.
     pub fn render_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
         // The batch is no larger than the number of rays, to save memory.

@@ -42,7 +42,7 @@ impl Scene {
     /// not round weights.
     ///
     /// # Errors
-    /// [`HostError::Read`] or, if [`Scene::from_bytes`] fails, [`HostError::Open`]. Both errors name the file.
+    /// [`HostError::Read`] if the file cannot be read, [`HostError::Open`] if [`Scene::from_bytes`] fails.
     pub fn open(path: impl AsRef<Path>) -> Result<Self, HostError> {
         let path = path.as_ref();
         let bytes = std::fs::read(path).map_err(|source| HostError::Read { path: path.into(), source })?;
@@ -93,12 +93,12 @@ impl Scene {
     /// Renders an image with colour, opacity, ray_distance and z_depth at the default quality, on all cores.
     ///
     /// # Errors
-    /// [`HostError::Plan`] if the file is a 2D field.
+    /// [`HostError::Plan`] if the file is a 2D field; [`HostError::Render`] if there is not enough memory.
     pub fn render(&self, camera: &Camera) -> Result<Image, HostError> {
         self.request().render(camera)
     }
 
-    /// A request to render this scene, with the defaults of [`Scene::render`].
+    /// Returns a request to render this scene; settings that the caller does not set are those of [`Scene::render`].
     pub fn request(&self) -> Request<'_> {
         Request::new(self)
     }

@@ -88,7 +88,7 @@ pub fn render_rays(
 /// top left. `finished` is called with the number of rows finished since the previous call.
 ///
 /// # Errors
-/// [`RenderError`] if the blob is a scene, if a side is above the limit, or if there is not enough memory.
+/// [`RenderError`] if the blob is a scene, if a side is 0 or above `MAX_RENDER_SIDE`, or if memory does not suffice.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,

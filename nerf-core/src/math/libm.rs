@@ -1,4 +1,4 @@
-//! Backend that calls the `libm` crate for one lane after the other.
+//! Maths backend that calls the `libm` crate, separately for each SIMD lane.
 
 use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;

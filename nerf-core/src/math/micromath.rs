@@ -1,4 +1,4 @@
-//! Backend that calls the `micromath` crate for one lane after the other.
+//! Maths backend that calls the `micromath` crate, separately for each SIMD lane.
 
 use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;
@@ -23,7 +23,7 @@ impl Math for Micromath {
         // A NaN stays a NaN, since the renderer counts invalid samples. For NaN, the crate's `exp` returns a number.
         V::select(x.equals(x), e, x)
     }
-    /// `e^−x` as `1 + expm1(−x)`: with `micromath`'s inexact `exp` the weights of a ray would add up to more than 1.
+    /// Computes `e^−x` as `1 + expm1(−x)`. With the crate's inexact `exp`, a ray's weights would add up to more than 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         V::splat(1.0).add(Self::expm1(x.neg()))

@@ -40,16 +40,16 @@ pub enum MathBackend {
     /// The `micromath` crate, one value at a time: little code, low accuracy.
     #[cfg(feature = "micromath")]
     Micromath,
-    /// The project's polynomials. The sinusoidal encoding computes each level from the previous level by angle
-    /// doubling, so that errors grow with the level.
+    /// The project's own polynomials, except in the sinusoidal encoding: there, the sine and cosine of each level after
+    /// the first are computed from the previous level by angle doubling, so that errors grow with the level.
     Recurrence,
 }
 
 impl MathBackend {
-    /// Number of tags, including those of backends that this build lacks. Tags are 0 to `TAGS − 1`.
+    /// Number of backends, including backends that this build lacks. Their tags in files are 0 to `TAGS − 1`.
     pub const TAGS: u8 = 4;
 
-    /// Tag of the backend in files, the same in every build.
+    /// Number that identifies the backend in files, the same in every build.
     pub const fn tag(self) -> u8 {
         match self {
             Self::Polynomial => 0,
@@ -61,7 +61,7 @@ impl MathBackend {
         }
     }
 
-    /// The backend with this tag; `None` if this build does not have it.
+    /// The backend with this tag; `None` if this build lacks the backend, or if no backend has the tag.
     pub const fn from_tag(tag: u8) -> Option<Self> {
         match tag {
             0 => Some(Self::Polynomial),
@@ -85,7 +85,7 @@ pub trait Math {
     fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
         polynomial::sin_cos_pi(u)
     }
-    /// `(sin x, cos x)`, `|x| <= polynomial::SIN_COS_DOMAIN`.
+    /// `(sin x, cos x)` for `|x| <= polynomial::SIN_COS_DOMAIN`.
     #[inline(always)]
     fn sin_cos<V: Lanes>(x: V) -> (V, V) {
         polynomial::sin_cos(x)
@@ -100,7 +100,7 @@ pub trait Math {
     fn expm1<V: Lanes>(x: V) -> V {
         polynomial::expm1(x)
     }
-    /// `e^−x`, as precise as [`Math::expm1`], since transmittance and alpha must add up to 1.
+    /// `e^−x`. Must be as precise as [`Math::expm1`]: transmittance, `e^−x`, and opacity, `1 − e^−x`, must add up to 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         Self::exp(x.neg())
@@ -157,8 +157,8 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// Evaluates `$body` as `with_math` does, but with separate code for the backend `Recurrence`, for use in sinusoidal
-/// encodings.
+/// Evaluates `$body` as `with_math` does, except that `$M` is the type `Recurrence` if `$backend` is `Recurrence`. For
+/// sinusoidal encodings.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

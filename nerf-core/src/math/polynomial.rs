@@ -76,7 +76,7 @@ pub fn sin_cos<V: Lanes>(x: V) -> (V, V) {
     rotate(n, sin, cos)
 }
 
-/// Angle between the vector `(x, y)` and the positive x axis, radians, 0 to π. Requires `y >= 0`. Is 0 at the origin.
+/// Angle between the vector `(x, y)` and the positive x axis, radians, 0 to π; 0 at the origin. Requires `y >= 0`.
 ///
 /// # Accuracy
 /// Within 3e-7 (`math/tests.rs`).

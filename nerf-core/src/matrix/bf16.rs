@@ -1,14 +1,14 @@
 //! Dense layers in bf16 with f32 sums: two multiply-adds per lane and instruction if the CPU has `vdpbf16ps`.
 //!
 //! Inputs and weights are stored in pairs. A 32-bit word holds the values for input `2q` (low half) and input `2q + 1`
-//! (high half). An odd last input is paired with 0. Words are stored as bits in `f32` slices, so that the same
-//! workspace serves every format of weights.
+//! (high half). If the number of inputs is odd, the last input is paired with 0. Words are stored as bits in `f32`
+//! slices, so that the same workspace serves every format of weights.
 
 use super::Init;
 use crate::simd::Isa;
 use half::bf16;
 
-/// One matrix of a layer, and the inputs that the matrix multiplies.
+/// Part of a layer: the weights of its main or of its appended inputs, and these inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct PairedInput<'a> {
     /// Weights in pairs: for each output, a row of `row` words, of which the first `pairs` are used.
@@ -65,8 +65,8 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
 /// else the identity.
 ///
 /// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`], sums start from the f32 values in `to`,
-/// `[outputs][stride]`, even if `output` is [`PairedOutput::Pairs`]. Every output is summed pair after pair, in the
-/// same order for any sizes.
+/// `[outputs][stride]`, even if `output` is [`PairedOutput::Pairs`]. Every output is summed pair after pair, in an
+/// order that does not depend on `outputs` or `stride`.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.
@@ -118,7 +118,7 @@ struct Layer<'a> {
 }
 
 impl Layer<'_> {
-    /// Reference implementation of [`dense_bf16`]: computes one output of one sample after the other.
+    /// Reference implementation of [`dense_bf16`]: computes one output of one sample at a time.
     fn plain(self) {
         for row in (0..self.outputs).step_by(2) {
             for column in 0..self.stride {

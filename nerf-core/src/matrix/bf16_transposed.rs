@@ -1,4 +1,4 @@
-//! Products with transposed weights that are stored in pairs of bf16: the backward pass through a layer.
+//! Products with the transpose of a weight matrix that is stored in pairs of bf16: the backward pass through a layer.
 
 use super::bf16::{pairs, unpair};
 use crate::simd::{Isa, Lanes, Op};

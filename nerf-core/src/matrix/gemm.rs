@@ -1,4 +1,4 @@
-//! `C = init + A B`, the product of every dense f32 layer, forward and backward.
+//! The matrix product `C = init + A B`, which evaluates dense layers with f32 weights, forward and backward.
 
 use crate::simd::{Isa, Lanes, Op};
 
@@ -7,7 +7,7 @@ use crate::simd::{Isa, Lanes, Op};
 pub struct Gemm {
     /// Number of rows of A and of C.
     pub m: usize,
-    /// Number of columns of B and of C, a multiple of [`Isa::columns`].
+    /// Number of columns of B and of C. [`gemm`] requires a multiple of [`Isa::columns`].
     pub n: usize,
     /// Number of columns of A and of rows of B.
     pub k: usize,
@@ -27,7 +27,7 @@ pub enum Init<'a, T = f32> {
     /// Every sum starts from 0.
     #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
     Zero,
-    /// Every sum in row `i` starts from `bias[i]`. The slice holds `m` f32, or `2 m` bytes of little-endian f16.
+    /// Every sum in row `i` of C starts from bias `i`. The slice holds `m` biases: f32, or bytes of little-endian f16.
     Bias(&'a [T]),
     /// Every sum starts from the present element of C.
     Accumulate,
@@ -49,8 +49,8 @@ impl<'a, T> Init<'a, T> {
 /// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`. `act` is ReLU if `relu`, else the
 /// identity.
 ///
-/// Every element is summed in the same order for any sizes: results do not depend on how a block of samples is split
-/// into calls. Results of two instruction sets can differ, since only some fuse multiply-adds. ReLU of NaN is NaN.
+/// Every element is summed in the same order for any `m` and `n`: results do not depend on how a block of samples is
+/// split into calls. Two instruction sets can give different results: only some fuse multiply-adds. ReLU of NaN is NaN.
 ///
 /// # Panics
 /// If `n` is no multiple of [`Isa::columns`] or a slice is too short for sizes and strides.

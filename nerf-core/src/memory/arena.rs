@@ -20,7 +20,7 @@ pub const fn lines_for<T>(count: usize) -> usize {
 }
 
 /// Source of the buffers of a stage: [`Measure`] counts the 64-byte lines that the buffers need, [`Arena`] allocates
-/// them.
+/// the buffers.
 pub trait Layout<'w> {
     /// Returns a slice of `count` copies of `value`, aligned to 64 bytes (a [`Line`]). [`Measure`] always returns an
     /// empty slice. [`Arena`] returns an empty slice if too little memory is left.

@@ -3,14 +3,14 @@
 //! A length that does not fit is a bug. Builds without debug assertions then return a slice that is as long as
 //! possible, so that a microcontroller's build contains no panic.
 
-/// The first `n` values of `all`. If there are fewer: panics with debug assertions, else returns `all`.
+/// The first `n` values of `all`. If `all` has fewer: panics with debug assertions, else returns `all`.
 #[inline(always)]
 pub fn head<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(..n).unwrap_or(all)
 }
 
-/// The first `n` values of `all`. If there are fewer: panics with debug assertions, else returns `all`.
+/// The first `n` values of `all`. If `all` has fewer: panics with debug assertions, else returns `all`.
 #[inline(always)]
 pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     let found = all.len();
@@ -43,7 +43,7 @@ pub fn column<const N: usize>(block: &[f32], stride: usize, column: usize) -> [f
 }
 
 /// Writes `values` into column `column` of a block of `N` rows, `[N][stride]`. If the block is too short: panics with
-/// debug assertions, else drops the values that have no place.
+/// debug assertions, else drops the values that would lie beyond the end of the block.
 #[inline]
 pub fn put_column<const N: usize>(block: &mut [f32], stride: usize, column: usize, values: [f32; N]) {
     for (row, value) in values.into_iter().enumerate() {
@@ -51,14 +51,14 @@ pub fn put_column<const N: usize>(block: &mut [f32], stride: usize, column: usiz
     }
 }
 
-/// Reads value `i` of `all`. Beyond the end: panics with debug assertions, else returns the default, 0.
+/// Reads value `i` of `all`. If `i` is beyond the end: panics with debug assertions, else returns `T::default()`.
 #[inline(always)]
 pub fn at<T: Copy + Default>(all: &[T], i: usize) -> T {
     debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());
     all.get(i).copied().unwrap_or_default()
 }
 
-/// Writes `value` to element `i` of `all`. Beyond the end: panics with debug assertions, else does nothing.
+/// Writes `value` to element `i` of `all`. If `i` is beyond the end: panics with debug assertions, else does nothing.
 #[inline(always)]
 pub fn put<T>(all: &mut [T], i: usize, value: T) {
     debug_assert!(i < all.len(), "expected more than {i} values, found {}", all.len());

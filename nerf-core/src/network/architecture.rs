@@ -100,8 +100,8 @@ pub enum Role {
 pub struct Layer {
     /// Place of the layer in its network: a hidden layer, the density head or the colour head.
     pub role: Role,
-    /// Number of main inputs: the encoded position in the first layer of the network, the trunk's output `h` in the
-    /// density head and in the first colour layer (hidden or head), else the outputs of the previous layer.
+    /// Number of main inputs: the encoded position (first trunk layer), the trunk's output `h` (density head and first
+    /// layer of the colour branch), or the outputs of the previous layer (every other layer).
     pub main: usize,
     /// Number of appended inputs: encoded position (skip layer), encoded direction (first colour layer), else 0.
     pub extra: usize,
@@ -129,10 +129,10 @@ impl Layer {
 pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
 
 impl Architecture {
-    /// Checks that every field of the architecture is within its limits, and that the fields fit each other.
+    /// Checks the limits of each field, the consistency of the fields, and that this build supports the architecture.
     ///
     /// # Errors
-    /// [`ArchitectureError`] names the field.
+    /// An [`ArchitectureError`] that names the first field that fails a check.
     pub fn check(&self) -> Result<(), ArchitectureError> {
         use ArchitectureError as E;
         let position_inputs = if self.density.is_some() { 3 } else { 2 };
@@ -244,8 +244,8 @@ impl Architecture {
         self.layers().iter().filter(|layer| of(layer.role)).map(Layer::macs).sum()
     }
 
-    /// Number of table entries that one evaluation of a grid reads: the corners of one cell per level. 0 for a
-    /// sinusoidal encoding. The interpolation is not counted as multiply-adds.
+    /// Number of table entries that one evaluation of the grid encoding reads: the corners of one cell per level. 0 for
+    /// a sinusoidal encoding. [`Architecture::density_macs`] does not count the interpolation of the entries.
     pub fn table_reads(&self) -> usize {
         self.position.grid().map_or(0, |grid| grid.reads())
     }

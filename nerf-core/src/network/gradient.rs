@@ -5,9 +5,9 @@
 //!                                                                    └── through each skip layer ───┘
 //! ```
 //!
-//! Sigma is the activation of the raw density. The derivative of every activation is at least 0. Where the derivative
-//! is above 0, the gradient of sigma has the direction of the raw density's gradient. Where the derivative is 0, the
-//! gradient of sigma is 0, and the raw density's gradient may have any value.
+//! Sigma is the density: the activation's value at the raw density. The derivative of every activation is at least 0.
+//! Where the derivative is above 0, the gradient of sigma has the direction of the raw density's gradient. Where the
+//! derivative is 0, the gradient of sigma is 0, and the raw density's gradient may have any value.
 
 use super::architecture::{Layer, Role};
 use super::view::{Network, Scratch};
@@ -186,7 +186,7 @@ impl Network<'_> {
     }
 }
 
-/// Number of words for the sign bits of a layer: one bit for each output of each of `samples` samples.
+/// Number of words of the ReLU mask of a layer: one bit per output and sample, for `samples` samples.
 fn sign_words(layer: &Layer, samples: usize) -> usize {
     (layer.outputs * samples).div_ceil(SIGNS)
 }

@@ -298,10 +298,10 @@ impl<'a> Network<'a> {
     /// The result is bit-identical to [`Network::colour`]. Each SIMD vector holds several outputs of a layer for the
     /// one sample, instead of one output for several samples.
     ///
-    /// Returns `false` and does nothing unless weights are [`Weights::Transposed`], the colour branch has hidden
-    /// layers, and the width of each hidden layer is a multiple of [`Isa::columns`].
+    /// Requires [`Weights::Transposed`] and a colour branch with hidden layers, each of a width that is a multiple of
+    /// [`Isa::columns`]. Otherwise does nothing and returns `false`.
     ///
-    /// `dirs`: `[3][stride]`; `rgb`: `[3][stride]`, only the first column is specified.
+    /// `dirs`, `rgb`: `[3][stride]`. The first column of `rgb` is the result; the other columns are unspecified.
     pub(crate) fn colour_of_one(
         &self,
         math: MathBackend,

@@ -8,16 +8,16 @@ use crate::matrix::{Storage, f16_at, pair};
 pub enum Weights<'a> {
     /// Little-endian f16, read directly from the scene file's bytes, without memory for unpacked weights.
     InPlace(&'a [u8]),
-    /// f32, for builds with vector instructions.
+    /// f32: for each layer the weights, `[outputs][inputs]`, then the biases. For builds with vector instructions.
     Prepared(&'a [f32]),
-    /// f32 as in [`Weights::Prepared`], but with the weights of hidden colour layers transposed, `[inputs][outputs]`.
-    /// For fields whose colour branch is evaluated once a ray ([`Shading::PerRay`]): in the evaluation of a single ray,
-    /// each SIMD vector then holds several outputs of a layer.
+    /// f32 as in [`Weights::Prepared`], but the weights of hidden colour layers are transposed: `[inputs][outputs]`.
+    /// Used if the colour branch is evaluated once per ray ([`Shading::PerRay`]). For a single ray, each SIMD vector
+    /// then holds several outputs of a layer.
     Transposed(&'a [f32]),
-    /// bf16 weights, made by [`Weights::prepare`]. The bits of one f32 hold the weights of two consecutive inputs of an
-    /// output; main and appended inputs are paired separately, and an odd last weight is paired with 0. Biases are f32.
-    /// Weights and biases of each layer begin at the same index as in [`Weights::Prepared`]; the rest of the weights'
-    /// range is unused.
+    /// bf16 weights and f32 biases, made by [`Weights::prepare`]. The bits of one f32 hold an output's weights for two
+    /// consecutive inputs. Main and appended inputs of a layer are paired separately; an odd last weight is paired
+    /// with 0. The weights and the biases of a layer begin at the same indices as in [`Weights::Prepared`]. Values
+    /// between the last pair of a layer and the first bias of that layer are unused.
     Paired(&'a [f32]),
 }
 

@@ -25,11 +25,11 @@ errors! {
         "{effect}: not built in: expected a build with its feature, found one without";
     ColourCut { found: f32 } => "quality.colour_cut: expected 0 <= cut < 1, found {found}";
     Background { found: [f32; 3] } => "background: expected channels in 0..=1, found {found:?}";
-    /// A batch without rays or samples, with more than [`Batch::MAX_RAYS`] rays or with more than 64 samples.
+    /// A batch with a number of rays outside 1 to [`Batch::MAX_RAYS`], or a number of samples outside 1 to 64.
     Batch { found: Batch } =>
         "batch: expected 1 to {most} rays and 1 to {BLOCK} samples, found {found:?}", most = Batch::MAX_RAYS;
     /// A near and a far distance between which no valid bins can be made.
     Bounds(error: BoundsError) => "{error}";
-    /// An effect that is out of range or not in this build.
+    /// An effect with a setting that is out of range, or an effect that is not in this build.
     Effects(error: EffectError) => "{error}";
 }

@@ -38,8 +38,8 @@ pub struct Outputs {
     pub z_depth: bool,
     /// Distance along the ray at which the transmittance falls below one half, world units (feature `median`).
     pub median_distance: bool,
-    /// Normals, from the gradient of the density (feature `normals`). Cost of each ray that is not empty: about
-    /// [`gradient_macs`](crate::network::Architecture::gradient_macs) multiply-adds.
+    /// Normals, from the gradient of the density (feature `normals`). Cost of each sample that [`Quality::colour_cut`]
+    /// selects: [`gradient_macs`](crate::network::Architecture::gradient_macs) multiply-adds.
     pub normals: bool,
 }
 
@@ -59,8 +59,8 @@ impl Outputs {
     /// not included, since each needs a feature of the build.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
-    /// Whether colour or normals are requested, which are evaluated only at samples that [`Quality::colour_cut`]
-    /// selects.
+    /// Whether colour or normals are requested: the outputs that are evaluated only at the samples that
+    /// [`Quality::colour_cut`] selects.
     pub(crate) const fn picks(&self) -> bool {
         self.rgb || (cfg!(feature = "normals") && self.normals)
     }
@@ -110,9 +110,9 @@ pub struct Plan<'a> {
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
     /// The bins in which a ray's samples lie. If a proposal network places the samples, only the number of these bins
-    /// is used, as the number of samples a ray.
+    /// is used: it is the number of samples placed on each ray.
     pub(crate) bins: Bins,
-    /// Requested number of samples a ray.
+    /// Number of samples a ray, counted as in [`Quality::samples`]: the requested number or, for 0, the scene's own.
     samples: u16,
     /// Nearest and farthest visible distance along a ray, world units.
     pub(crate) range: (f32, f32),
@@ -132,7 +132,7 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// Default width of the blur of normals, in bins. A ray has one sample a bin, so that finer detail is not resolved.
+    /// Default width of the blur of normals, in bins. With one sample a bin, detail finer than a bin is not resolved.
     pub const NORMAL_BLUR: f32 = 1.0;
 
     /// Makes the plan of a frame from what `blob` holds and from the requested settings.
@@ -244,10 +244,10 @@ impl<'a> Plan<'a> {
 
     /// Returns the plan with another blur of normals. `bins`: width of the blur, in bins; 0 for no blur.
     ///
-    /// A field that was trained with samples one bin apart also varies on far finer scales. In sums along a ray these
-    /// variations cancel, but they dominate the gradient: the tenth frequency of a sinusoidal encoding multiplies the
-    /// gradient by 2^9 π. A blur of one bin takes the gradient's mean over a Gaussian as wide as a bin (standard
-    /// deviation: a bin's width / √12).
+    /// A field that was trained with samples one bin apart also varies over distances far shorter than a bin. In sums
+    /// along a ray such variations cancel, but in the gradient they dominate: the tenth frequency of a sinusoidal
+    /// encoding multiplies the gradient by 2^9 π. A blur of one bin replaces the gradient by its mean over a Gaussian
+    /// with the standard deviation of a uniform distribution over a bin: the bin's width / √12.
     ///
     /// # Errors
     /// [`PlanError::NormalBlur`] unless `bins` is finite and at least 0.

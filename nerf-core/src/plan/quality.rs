@@ -1,5 +1,5 @@
-//! Quality settings of a frame. A scene's Pareto front lists settings with their loss (PSNR of the exact rendering
-//! minus PSNR with these settings, dB) and cost (multiply-adds).
+//! Quality settings of a frame. Each point of a scene's Pareto front has settings, their loss (PSNR of the exact
+//! rendering minus PSNR with these settings, dB) and their cost (multiply-adds relative to the exact rendering).
 
 use crate::blob::{Blob, FrontPoint};
 use crate::math::MathBackend;
@@ -17,8 +17,8 @@ pub struct Quality {
     /// - `Bins`: bins from near to far. Bins of the same width in front of near and behind far are not counted.
     /// - `Bins` with a proposal network: samples placed by this network. Evaluations of this network are not counted.
     /// - `March`: steps along the diagonal of the scene box.
-    /// - `Contracted`: steps on a ray through the inner ball's centre, from the point where the ray enters the ball to
-    ///   the point at distance `far` behind the centre.
+    /// - `Contracted`: steps on a ray through the centre of the contraction's inner ball, from the point where the ray
+    ///   enters the ball to the point at distance `far` behind the centre.
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
     pub transmittance_cut: f32,
@@ -34,9 +34,9 @@ pub struct Quality {
     pub occupancy: bool,
     /// Implementation of the elementary functions, such as exp and sine.
     pub math: MathBackend,
-    /// Whether the scene's proposal network places the samples. If `false`, or if the scene has none, samples are
-    /// uniform. A scene with a proposal network was trained with samples placed by that network. Rendering may take
-    /// more or less time than with uniform samples.
+    /// Whether the scene's proposal network places the samples. If `false`, or if the scene has no proposal network,
+    /// samples are uniform. A scene with a proposal network was trained with samples placed by that network. To render
+    /// with such samples may take more or less time than to render with uniform samples.
     pub proposal: bool,
 }
 
@@ -168,7 +168,7 @@ impl Default for Quality {
     }
 }
 
-/// Quality settings from the blob's Pareto front, with their loss and cost.
+/// A point of the blob's Pareto front: quality settings with their loss and cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Choice {
     /// Quality settings of the point of the Pareto front.

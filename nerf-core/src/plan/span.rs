@@ -30,7 +30,7 @@ pub(crate) enum Lattice {
 pub(crate) struct Span {
     /// The ray, with its origin moved to the point from which distances of samples are counted.
     pub ray: Ray,
-    /// Distance along the ray from the original to the moved origin, world units; included in output distances.
+    /// Distance along the ray from the original to the moved origin, world units; added to distances that are output.
     pub start: f32,
     /// Index range of the bins that may contain a sample.
     pub bins: Range<u32>,
@@ -47,8 +47,8 @@ impl Span {
     /// ([`Plan::range_of`]). `None` if the part is empty.
     ///
     /// Moves the ray's origin to the box (with a contraction: to the ray's point nearest to the centre), so that
-    /// distances of samples are small. Does not move the origin for [`Lattice::Own`], or if the bins already cover the
-    /// box.
+    /// distances of samples are small. Does not move the origin for [`Lattice::Own`], nor for [`Lattice::Extended`] if
+    /// the bins already cover the ray's part inside the box.
     pub fn new(plan: &Plan<'_>, around: &SceneBox, ray: &Ray, range: [f32; 2]) -> Option<Self> {
         if range[0] >= range[1] {
             return None;
@@ -119,7 +119,7 @@ type Row = [f32; MAX_LANES];
 pub(crate) struct Spans<T = Row> {
     origin: [T; 3],
     start: T,
-    /// Index of the first bin and index after the last bin. If nothing is sampled, the second is at most the first.
+    /// Index of the first bin and index after the last bin of each ray; an empty range if nothing is sampled.
     bins: [T; 2],
     /// Where the first and the last bin are cut short: the values of [`Ends::parts`], in the same order.
     ends: [T; Ends::PARTS],

@@ -10,19 +10,19 @@ pub struct Counters {
     /// Number of samples at which the scene's network was evaluated.
     pub samples_kept: u64,
     /// Number of planned samples at which the scene's network was not evaluated: samples outside the box, in empty
-    /// cells, or behind the point where the ray ended. For each ray (and each field, if there are several), the count
-    /// is planned minus kept samples, but at least 0. A ray may keep more samples than planned, since samples continue
-    /// with the same spacing in front of `near` and behind `far` to the ends of the box. With a proposal network, the
-    /// planned samples are the drawn samples and the middles of the proposal's bins.
+    /// cells, or behind the point where the ray ended. For each ray, [`Quality::samples`](crate::plan::Quality) samples
+    /// are planned, and with a proposal network also one per bin of that network. The count is, for each ray (and each
+    /// field, if there are several), planned minus kept samples, but at least 0. A ray may keep more samples than
+    /// planned, since samples continue with the same spacing in front of `near` and behind `far` to the box's ends.
     pub samples_skipped: u64,
     /// Number of evaluations of the proposal network, not included in `samples_kept`.
     pub proposal_evaluations: u64,
     /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
     /// Number of evaluations of the colour branch: at most one per sample, or with deferred shading, one per ray. For a
-    /// 2D field, number of evaluations of the whole network. With one field, a sample is skipped unless the weights of
-    /// the ray's samples since the last evaluation sum to more than the colour cut
-    /// ([`Quality`](crate::plan::Quality)); with several fields, unless the sample's own weight can exceed the cut.
+    /// 2D field, number of evaluations of the whole network. With one field, a sample's colour is evaluated if the
+    /// weights of the ray's samples since the last evaluation sum to more than the colour cut
+    /// ([`Quality`](crate::plan::Quality)); with several fields, if the sample's own weight can exceed the cut.
     pub colour_evaluations: u64,
     /// Number of density gradients computed for normals, each by a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,

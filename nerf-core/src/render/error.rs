@@ -1,4 +1,4 @@
-//! Reason why nothing was rendered.
+//! Errors of making a renderer, of rendering and of queries.
 
 use super::Rect;
 use crate::blob::BlobError;
@@ -8,7 +8,7 @@ use crate::memory::Line;
 use crate::plan::{Batch, PlanError};
 
 errors! {
-    /// Reason why nothing was rendered.
+    /// Reason why a renderer could not be made, or why nothing was rendered or queried.
     RenderError:
     /// An image of a 2D field was requested, but the blob holds a scene.
     NotAPicture => "blob: expected a 2D field, found a scene";
@@ -24,7 +24,7 @@ errors! {
     Rect { rect: Rect, width: u32, height: u32 } =>
         "rectangle: expected it inside the {width}x{height} image, found {w}x{h} at ({x}, {y})",
         w = rect.width, h = rect.height, x = rect.x, y = rect.y;
-    /// The workspace is too small; `expected` and `found` are numbers of lines of 64 bytes.
+    /// The memory passed by the caller is too small; `expected` and `found` are numbers of lines of 64 bytes.
     Memory { expected: usize, found: usize } => "workspace: expected {expected} lines of 64 bytes, found {found}";
     /// The blob's parameters or grid tables do not fit its architecture.
     Network => "network: expected the parameters and tables of its architecture, found others";
@@ -35,7 +35,7 @@ errors! {
     #[cfg(all(feature = "std", not(target_os = "none")))]
     ImageMemory { width: usize, height: usize } =>
         "image: expected free memory for {width}x{height} pixels, found less";
-    /// The slices passed to [`Worker::query`](super::Worker::query) differ in length.
+    /// The slices passed to [`Worker::query`](super::Worker::query) differ in length; only `rgb` may also be empty.
     Lengths { positions: usize, dirs: usize, sigma: usize, rgb: usize } =>
         "query: expected slices of one length, found positions {positions}, dirs {dirs}, sigma {sigma}, rgb {rgb}";
     /// The caller's ray at `index` has an origin that is not finite, or a direction that is not of unit length.

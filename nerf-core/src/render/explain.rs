@@ -23,7 +23,7 @@ names! {
         NotAskedFor = "off: not asked for",
         /// The build has no code for the stage, since the stage's cargo feature is off.
         NotBuilt = "off: not built in",
-        /// The request's [`Quality`](crate::plan::Quality) switches the stage off.
+        /// The frame's quality settings ([`Quality`](crate::plan::Quality)) switch the stage off.
         SwitchedOff = "off: switched off by the request",
     }
 }
@@ -33,8 +33,8 @@ impl Switch {
         if asked { Self::On } else { Self::NotAskedFor }
     }
 
-    /// Returns the state of a stage. `built`: whether this build has code for the stage. `asked`: whether the request
-    /// needs the stage.
+    /// Returns the state of a stage. `built`: whether this build has code for the stage. `asked`: whether a requested
+    /// effect or output needs the stage.
     fn built(built: bool, asked: bool) -> Self {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }
@@ -73,7 +73,7 @@ impl Explanation<'_> {
         Self { counters: Some(counters), ..self }
     }
 
-    /// Replaces the reported size of the workspace by `bytes`. For programs whose workspace holds more than a
+    /// Replaces the reported size of the workspace by `bytes`, for programs whose workspace holds more than a
     /// renderer needs.
     pub fn with_workspace(self, bytes: usize) -> Self {
         Self { workspace: bytes, ..self }
@@ -121,7 +121,7 @@ impl Explanation<'_> {
         .map(|(name, switch)| Stage { name, switch })
     }
 
-    /// Size of the workspace that the frame needs, bytes.
+    /// Reported size of the workspace, bytes: what the frame needs, unless [`Explanation::with_workspace`] replaced it.
     pub fn workspace_bytes(&self) -> usize {
         self.workspace
     }

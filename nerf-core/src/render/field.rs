@@ -15,7 +15,7 @@ impl Field<'_> {
         self.network.isa()
     }
 
-    /// Number of samples that the network evaluates together, as a block.
+    /// Largest number of samples in a block. The network evaluates all samples of a block together.
     pub fn block_samples(&self) -> usize {
         if self.network.whole_blocks() { BLOCK } else { self.plan.batch.samples }
     }

@@ -1,4 +1,4 @@
-//! Rendering of a tile with one field: starts the rays of the tile's pixels, evaluates samples, finishes the pixels.
+//! Renders a tile of a frame that shows one field: starts the pixels' rays, evaluates samples, and finishes the pixels.
 
 use super::Counters;
 use super::field::Field;
@@ -55,14 +55,14 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Returns a function of the camera's position: the distance output for pixels without a surface, world units.
+    /// Returns a function that maps the camera's position to the distance, world units, of pixels without a surface.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)
     }
 
-    /// Renders one ray of each pixel of the tile: the ray of index `pixels.turn`. With `COLLIDE`, a ray ends at a
-    /// random point of collision, where its optical thickness reaches [`RaySource::until`].
+    /// Renders one ray of each pixel of the tile: the ray of index `pixels.turn`. If `COLLIDE` is true, a ray ends at a
+    /// random collision: where the optical thickness along the ray reaches [`RaySource::until`].
     #[inline(never)]
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -116,8 +116,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         true
     }
 
-    /// Computes density and colour at `points`, pairs of position and direction. Requires at most one block of points,
-    /// and zeros in `sigma` and `rgb`, since points in empty cells are not written.
+    /// Computes density and colour at `points`: pairs of position and direction, at most as many as one block holds.
+    /// `sigma` and `rgb` must hold zeros, since nothing is written for a point in an empty cell.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)>,

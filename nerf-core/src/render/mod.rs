@@ -1,7 +1,7 @@
 //! Rendering of one frame, in the caller's memory: rays are marched, the network is evaluated at their samples, and the
 //! results are composited to pixels.
 //!
-//! A tile's rays are marched front to back (`march`). The next occupied samples of the active rays form a block, and
+//! A tile's rays are marched front to back (`march`). The active rays' next samples in occupied cells form a block, and
 //! trunk and density head are evaluated for the whole block. Usually a block holds one sample of each ray: a ray whose
 //! transmittance is still above the threshold has its next sample in a later block. Samples that need a colour are
 //! collected until they fill a block for the colour branch. With deferred shading, the trunk's output `h` is composited

@@ -11,7 +11,7 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Approximate number of pixels rendered to time a frame: few for most images, but enough to fill blocks of samples.
+/// Approximate number of pixels rendered to time a frame: a small part of most images, but enough to fill blocks.
 const SAMPLED_RAYS: u64 = 2048;
 
 /// Measured times of a frame on one thread: one time for the settings of each point on a scene's Pareto front.
@@ -57,8 +57,8 @@ impl Pace {
 
     /// Measures the time of a frame on one thread, with the settings of each point on the scene's Pareto front.
     ///
-    /// `plan`: plan of a frame; its [`Quality`] is replaced by the settings of each point. `clock`: returns
-    /// microseconds since a fixed moment, never decreasing.
+    /// `plan`: plan of a frame, in which [`Quality`] is replaced by the settings of each point. `clock`: function that
+    /// returns microseconds since a fixed moment; the result must never decrease.
     ///
     /// About 2,048 pixels are rendered (every n-th pixel of every n-th row, since a single tile may be empty), and the
     /// time is scaled to the whole frame. Each point is rendered twice, and the shorter time is used. Points are

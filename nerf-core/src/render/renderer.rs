@@ -185,8 +185,8 @@ impl<'a> Renderer<'a> {
 
     /// Number of 64-byte lines of workspace that one [`Renderer::render_picture`] call needs.
     ///
-    /// Most kernels evaluate blocks of 64 pixels, whatever the `batch`. [`Kernel::IN_PLACE`] evaluates `batch.samples`
-    /// pixels at a time; its workspace grows in proportion.
+    /// Most kernels evaluate blocks of 64 pixels, whatever the `batch`. [`Kernel::IN_PLACE`] evaluates blocks of
+    /// `batch.samples` pixels; its workspace grows with `batch.samples`.
     pub fn picture_workspace_lines(&self, batch: Batch) -> usize {
         Measure::lines_of(|it| picture::Buffers::lay_out(it, &self.network, batch))
     }
@@ -248,7 +248,7 @@ impl<'a> Renderer<'a> {
 /// nothing must be copied to it. [`Prepared::measure`] returns the buffers' lengths (`usize`) as `F` and `B`.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
-    /// In order: network parameters, proposal network parameters (f32 or bf16, [`Weights::Paired`]), f16 tables as f32.
+    /// In order: parameters of network and proposal network (each f32 or [`Weights::Paired`]), f32 copy of f16 tables.
     pub unpacked: [F; 3],
     /// Decoded copy of entropy-coded grid tables: each byte holds the bits of one i8 value.
     pub decoded: B,

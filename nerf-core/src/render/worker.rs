@@ -248,9 +248,9 @@ impl<'f> Worker<'f> {
     ///
     /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is evaluated for
     /// the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of these colours
-    /// is *not* the colour that [`Worker::render_rays`] composites; for opacity, distance and normal the means are
-    /// equal. A path tracer that must reproduce the field's own image draws the point with this function, and takes the
-    /// colour of the same ray from [`Worker::render_rays`].
+    /// is *not* the colour that [`Worker::render_rays`] composites; the means of opacity, distance and normal do equal
+    /// the results of [`Worker::render_rays`]. To reproduce the field's own image, a path tracer draws the point with
+    /// this function, and takes the colour of the same ray from [`Worker::render_rays`].
     ///
     /// # Errors
     /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`,

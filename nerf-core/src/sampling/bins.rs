@@ -6,7 +6,7 @@ use core::ops::Range;
 
 /// The range `near..far` of a ray, split into `count` equal bins. All rays of an image have the same bins.
 ///
-/// `t_edges[i] = near + i delta`, `t_mid[i] = near + (i + ½) delta`: world units along the ray or, with a contraction,
+/// Bin `i` begins at `near + i delta` and has the width `delta`: world units along the ray or, with a contraction,
 /// positions [`s`](crate::space::Contraction::distance). A ray's first and last bin may be cut ([`Bins::cut`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bins {
@@ -25,8 +25,7 @@ pub(crate) struct Ends {
     pub low: f32,
     /// Beginning of the last bin, if this bin is cut; otherwise +∞.
     pub high: f32,
-    /// End of the part of the last bin in which samples are placed, if this bin is cut; otherwise the end of the last
-    /// bin of `0..count`.
+    /// If the last bin is cut: end of the part in which the bin's samples are placed. Otherwise: end of all bins.
     pub far: f32,
     /// End of the used part of the last bin, at most `far`, if this bin is cut; otherwise +∞. The density of a
     /// sample between `stop` and `far` is used for the part of the bin in front of `stop`.
@@ -54,7 +53,7 @@ impl Ends {
 }
 
 impl Bins {
-    /// `count` bins of width `(far − near) / count`.
+    /// Divides `near..far` into `count` bins of width `(far − near) / count`.
     ///
     /// # Errors
     /// [`BoundsError::Range`] unless `0 <= near < far`, both finite, and the width of a bin is above 0 and finite.
@@ -77,11 +76,12 @@ impl Bins {
         Self { ends, ..*self }
     }
 
-    /// Cuts the bins for a ray sampled up to `far`, of which only `start..stop` is used; also returns the bins used.
+    /// Cuts the bins for a ray. Samples are placed in front of `far`, and only the part `start..stop` of the ray is
+    /// used. Returns the cut bins, and the index range of the bins with a used part.
     ///
-    /// `far` cuts the last bin and moves its samples in front of `far`. `start` and `stop` cut only widths and leave
-    /// the samples in place, so that a sample's contribution is continuous in `start` and `stop`. Bins that are not cut
-    /// are bit-identical to before.
+    /// `far` cuts the last bin and moves the bin's samples in front of `far`. `start` and `stop` cut only the widths of
+    /// bins and leave the samples in place, so that a sample's contribution is continuous in `start` and `stop`. Bins
+    /// that are not cut are bit-identical to before.
     pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {

@@ -1,4 +1,4 @@
-//! Importance sampling: the fine samples of a ray, from the weights of a coarse network.
+//! Importance sampling: places a ray's fine samples by the compositing weights that a coarse network gives the bins.
 
 use super::Bins;
 use crate::math::Sum;
@@ -7,24 +7,24 @@ use crate::memory::{at, put, tail};
 #[cfg(test)]
 mod tests;
 
-/// Constant added to every bin's weight, so that bins of weight 0 get a few samples, and a ray whose weights are all 0
-/// gets uniform samples.
+/// Constant added to every bin's weight, so that samples may also lie in bins of weight 0, and a ray whose weights are
+/// all 0 gets uniform samples.
 const WEIGHT_FLOOR: f32 = 1e-5;
 
-/// Draws samples from the weights of `bins` and merges them with the bins' middles, in place.
+/// Draws samples of a ray from the weights of `bins`, and merges the drawn samples with the middles of the bins.
 ///
-/// `row`: `[drawn + bins]`. On entry the row's last values, one per bin, are the weights, in `[0, 1]`: NaN and negative
-/// weights count as 0, weights above 1 as 1. On return the whole row holds `t`, world units along the ray, ascending:
-/// the middle of every bin, and the `drawn` samples. A row with fewer values than bins is left unchanged.
+/// `row`: room for `drawn` samples, then one weight per bin, in `[0, 1]`: NaN and negative weights count as 0, weights
+/// above 1 as 1. On return the whole row holds distances along the ray, world units, ascending: the middle of every
+/// bin, and the `drawn` samples. A row with fewer values than bins is left unchanged.
 ///
 /// The probability density of the drawn samples is constant in a bin and proportional to the bin's weight plus 1e-5.
-/// Sample `k` is the inverse distribution function at `(k + within(k)) / drawn`. `within` returns numbers in `[0, 1)`.
-/// If `within` always returns ½, sampling is deterministic, and the same weights give the same bits.
+/// Sample `k` is the inverse distribution function at `(k + within(k)) / drawn`. `within` must return numbers in
+/// `[0, 1)`. If `within` always returns ½, sampling is deterministic, and the same weights give the same bits.
 ///
 /// # Source
 /// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`), with its weight floor and its union with
 /// the coarse samples. Deviations: deterministic samples are at the middles of strata, not at `linspace(0, 1)`, so that
-/// none lies at an end; the distribution has the bins' edges, which equal the midpoints between coarse samples.
+/// none lies at an end; the density changes at the bins' edges, which equal the midpoints between coarse samples.
 ///
 /// # Accuracy
 /// The distribution function at the returned `t` has an error of 4 ulp of 1, plus the effect of rounding `t` itself.

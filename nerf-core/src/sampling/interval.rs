@@ -35,9 +35,9 @@ impl Spacing<'_> {
         }
     }
 
-    /// Returns the interval of the sample at `t`; the unit of `t` is as in [`Spacing::point`]. `ends`: cuts of the
-    /// ray's first and last bin, in the order of [`Ends::parts`]. `near`: least distance of a sample in an unbounded
-    /// scene, world units from the point at which `t` is 0.
+    /// Returns the interval of the sample at `t`. `t`: unit as in [`Spacing::point`]. `ends`: where the ray's first and
+    /// last bin are cut, in the order of [`Ends::parts`]. `near`, used only in an unbounded scene: least distance of a
+    /// sample, world units from the point at which `t` is 0.
     #[inline(always)]
     pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
         if self.contraction.is_some() {
@@ -57,8 +57,8 @@ impl Spacing<'_> {
         }
     }
 
-    /// The interval of a bounded scene's sample at `t`, world units. Requires that the sample lies in a cut bin, which
-    /// is the first or last bin of the ray.
+    /// Returns the interval of the sample at distance `t` in a bounded scene. Requires that the sample lies in a bin
+    /// that is cut: only a ray's first and last bin may be cut. `ends`: as in [`Spacing::interval`].
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;
@@ -85,7 +85,7 @@ impl Spacing<'_> {
     }
 }
 
-/// The points of rays at distance `t`: x, y, z.
+/// Returns x, y and z of the points at distance `t` along the rays, one ray per lane.
 #[inline(always)]
 pub(crate) fn along<V: Lanes>(origin: [V; 3], dir: [V; 3], t: V) -> [V; 3] {
     let mut points = [t; 3];

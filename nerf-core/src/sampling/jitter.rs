@@ -12,7 +12,7 @@ pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
     /// Index of the ray's first random number in `stream`, the pixel's random stream: the ray's index among the rays of
-    /// its pixel, shifted left by 32 bits. Bin `i`, or drawn sample `i`, has number `first + i`.
+    /// its pixel, shifted left by 32 bits. The sample of bin `i`, or drawn sample `i`, uses number `first + i`.
     first: u64,
 }
 
@@ -26,8 +26,8 @@ impl SampleJitter {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
     }
 
-    /// Position of the ray's drawn sample `k` in its stratum, `[0, 1)`; ½ without jitter. The weights of a proposal
-    /// network divide a ray into strata of equal weight; one sample is drawn in each.
+    /// Position of the ray's drawn sample `k` in its stratum, `[0, 1)`; ½ without jitter. The compositing weights that
+    /// a proposal network finds divide the ray into strata of equal weight; one sample is drawn in each stratum.
     #[inline]
     pub fn within(&self, k: u32) -> f32 {
         match self.seed {

@@ -55,8 +55,8 @@ impl<'a> OccupancyGrid<'a> {
     /// Makes an occupancy grid of `resolution` cells over `bounds`. Cell x, y, z has bit `(x * ny + y) * nz + z` of
     /// `bits`, LSB first.
     ///
-    /// A cell without a bit counts as empty. All cells are empty if `resolution` contains a 0 or has more cells than
-    /// `u32` can count.
+    /// A cell whose bit would lie beyond the end of `bits` is empty. All cells are empty if `resolution` contains a 0,
+    /// or if the number of cells exceeds 2^32 − 1.
     pub fn new(bounds: SceneBox, resolution: [u16; 3], bits: &'a [u8]) -> Self {
         let sides = Vec3::from(resolution.map(f32::from));
         let cells: u64 = resolution.iter().map(|&side| u64::from(side)).product();
@@ -115,15 +115,15 @@ impl<'a> OccupancyGrid<'a> {
     /// Finds the first bin of `from..end` whose sample lies in an occupied cell. Returns `end` if there is none. The
     /// sample of `bin` lies at `t(bin)`, which must not decrease from bin to bin.
     ///
-    /// The result equals a test of every bin with [`OccupancyGrid::occupied`], but if bins are smaller than cells, the
-    /// march advances from cell to cell.
+    /// The result is as if each bin's sample were tested with [`OccupancyGrid::occupied`]. If bins are smaller than
+    /// cells, bins in an empty cell may be skipped without a test.
     ///
     /// # Source
     /// Amanatides and Woo 1987; deviation: only the bins' samples are tested, not each cell that the ray crosses. The
     /// distance to the exit from an empty cell gives an estimate of the number of bins to skip. Jitter may make the
-    /// estimate wrong by one. Bins are therefore skipped only if the sample of the last one lies in the same cell. The
-    /// samples in between then lie in this cell, too, since rounding is monotone: a coordinate that does not decrease
-    /// along the ray does not decrease in f32 either.
+    /// estimate wrong by one. Bins are therefore skipped only if the last skipped sample lies in the same cell.
+    /// The samples in between then lie in this cell, too, since rounding is monotone: a coordinate that does not
+    /// decrease along the ray does not decrease in f32 either.
     #[inline]
     pub fn first_occupied(&self, ray: &Ray, bins: &Bins, from: u32, end: u32, t: impl Fn(u32) -> f32) -> u32 {
         let cells_per_bin = ray.dir.abs() * self.cells_per_unit * bins.delta();

@@ -16,7 +16,7 @@ pub enum Purpose {
     Background = 5,
     /// Positions of the points in empty cells at which training pushes the density to 0.
     Empty = 6,
-    /// Points inside a cell at which density is evaluated to update the occupancy grid.
+    /// Points at which density is evaluated to update the occupancy grid, one point in each evaluated cell.
     Cell = 7,
     /// Point of the lens aperture through which a ray passes.
     Aperture = 8,

@@ -5,12 +5,12 @@ use super::{MAX_LANES, Op};
 use crate::names::names;
 
 names! {
-    /// Instruction set that the inner loops use. Of the variants that one machine supports, a later one is faster.
+    /// Instruction set that the inner loops use. Of the variants that a machine supports, the last one is the fastest.
     #[derive(PartialOrd, Ord)]
     #[non_exhaustive]
     pub enum Isa {
-        /// Plain f32 without fused multiply-adds: bit-identical results on every target, and the reference for all
-        /// others.
+        /// Plain f32 without fused multiply-adds. Results are bit-identical on every target, and are the reference for
+        /// the results of all other variants.
         Portable = "portable",
         /// AVX2, FMA and F16C, eight lanes.
         Avx2 = "avx2",
@@ -66,17 +66,17 @@ impl Isa {
         }
     }
 
-    /// Whether f16 tables are read directly from the scene file's bytes. If not, a new renderer converts these tables
-    /// to f32 once.
+    /// Whether a grid's f16 tables are read directly from the scene file's bytes. If not, a renderer converts these
+    /// tables to f32 once, when it is created.
     ///
     /// `Simd128` requires conversion, since WebAssembly has no f16 instruction. `Portable` has none either, but reads
-    /// f16: conversion would double the tables' memory to save 2 % of a frame's time (`docs/kernels.md`).
+    /// f16 directly: conversion would double the tables' memory to save 2 % of a frame's time (`docs/kernels.md`).
     pub const fn reads_f16_tables(self) -> bool {
         !matches!(self, Self::Simd128)
     }
 
-    /// Granularity of [`Isa::run_columns`], in samples: 8 or 16. A multiple of this number of samples runs in vectors.
-    /// Any other number of samples runs one by one.
+    /// Granularity of [`Isa::run_columns`], in samples: 8 or 16. If the number of samples is a multiple of this
+    /// granularity, the samples are processed in vectors. Otherwise all samples are processed one by one.
     #[inline]
     pub fn columns(self) -> usize {
         match self {
@@ -87,8 +87,8 @@ impl Isa {
         }
     }
 
-    /// Runs `op` over `columns` samples. If `columns` is a multiple of [`Isa::columns`], the samples run in vectors
-    /// ([`Isa::run`]), else one by one.
+    /// Runs `op`, a loop over `columns` samples: in vectors ([`Isa::run`]) if `columns` is a multiple of
+    /// [`Isa::columns`], else one sample at a time. Builds without `VECTORS` always take one sample at a time.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
         if VECTORS && columns.is_multiple_of(self.columns()) { self.run(op) } else { op.run::<f32>() }

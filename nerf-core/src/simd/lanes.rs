@@ -106,7 +106,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Converts each lane to `u32`, to be used as an index. Each lane must be an integer in `0..=2^23`.
     fn to_indices(self) -> Self::Indices;
 
-    /// Rounds each lane to the nearest f16, ties to even; values too large for a finite f16 become infinite.
+    /// Bits of the f16 nearest to each lane, ties to even; values too large for a finite f16 become infinite.
     #[inline(always)]
     fn to_f16(self) -> [u16; MAX_LANES] {
         let mut values = [0.0; MAX_LANES];
@@ -121,9 +121,9 @@ pub trait Lanes: Copy + sealed::Sealed {
         bits_by_lane::<Self>(bytes, at)
     }
 
-    /// Weighted sum of table rows for each lane: `Σ_r weights[r] · row r`, summed from 0 in ascending `r`. A row is two
-    /// neighbouring entries of the table. An entry has `features` values: 1, 2 or 4. Vector `i` of the result holds the
-    /// sums of value `i` of the rows, one sum per lane; only the first `2 · features` vectors are valid.
+    /// Weighted sum of table rows for each lane: `Σ_r weights[r] · row r`, added to 0 in ascending order of `r`. A row
+    /// is two neighbouring entries of the table. An entry has `features` values: 1, 2 or 4. Vector `i` of the result
+    /// holds for each lane the weighted sum of value `i` of the rows; only the first `2 · features` vectors are valid.
     ///
     /// `rows`: for each row and lane, the index of the row's first entry. If a row does not fit into the table,
     /// arbitrary values of the table, or zeros, are read for it.

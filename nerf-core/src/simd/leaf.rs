@@ -6,7 +6,7 @@ use super::table::{Table, Value};
 use super::{Indices, Lanes};
 
 /// Declares methods of a vector type, each with an expression of intrinsics as its body. An expression that is unsafe
-/// for a reason besides its instruction set has its own SAFETY line.
+/// for another reason than missing instructions must have its own SAFETY comment.
 macro_rules! instructions {
     ($(fn $name:ident $(<const $lane:ident: usize>)? ($($arguments:tt)*) $(-> $type:ty)? = $value:expr;)+) => {$(
         #[inline(always)]
@@ -60,7 +60,7 @@ pub(super) use {instructions, lanes_in_memory};
 pub trait Quads: Lanes {
     /// Whether offsets are moved from vectors to scalar registers through memory.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether the sums of a pass are stored to memory, so that the loads of the next pass are not moved before them.
+    /// Whether each pass stores its sums to memory, so that the compiler cannot begin the loads of the next pass early.
     const SUMS_IN_MEMORY: bool = false;
     /// Offset of a table value, for each lane.
     type Offsets: Copy;

@@ -17,7 +17,7 @@ pub enum Format {
 pub trait Value: Copy + Default + super::sealed::Sealed {
     /// Format of the value in memory.
     const FORMAT: Format;
-    /// The value in f32.
+    /// Converts the stored value to f32. Integers are not multiplied by [`Table::scale`].
     fn widen(self) -> f32;
 }
 
@@ -56,7 +56,7 @@ impl Value for u8 {
     }
 }
 
-/// Table of values that are read by index. A table of integers also has a scale for each level of a grid.
+/// Table of values that are read by index. A table of integers also has a factor for each level: [`Table::scale`].
 #[derive(Clone, Copy, Debug)]
 pub struct Table<'a, T> {
     pub(super) values: &'a [T],
@@ -64,8 +64,8 @@ pub struct Table<'a, T> {
 }
 
 impl<'a, T: Value> Table<'a, T> {
-    /// Makes a table of finite `values`. `scales`: one little-endian f32 for each level of the grid, at any alignment;
-    /// used only if the values are integers.
+    /// Makes a table of `values`, which must be finite. `scales`: the factor ([`Table::scale`]) of each grid level, a
+    /// little-endian f32 at any alignment; used only if the values are integers.
     #[inline(always)]
     pub fn new(values: &'a [T], scales: &'a [u8]) -> Self {
         Self { values, scales: scales.as_chunks().0 }

@@ -7,8 +7,8 @@ use glam::{Mat3, Vec3};
 /// Tolerance of the test that a matrix, divided by its scale, is a rotation: largest difference of a column's length
 /// from 1, and largest magnitude of the dot product of two columns.
 const TOLERANCE: f32 = 1e-3;
-/// Largest valid scale; its reciprocal is the smallest. Distances in world and field units then stay in the range of
-/// f32.
+/// Largest valid scale; the smallest valid scale is `1 / MAX_SCALE`. With a valid scale, distances in world and field
+/// units stay in the range of f32.
 const MAX_SCALE: f32 = 1e9;
 
 /// Placement of a field in the host's world: rotation, uniform scale and translation.
@@ -65,7 +65,7 @@ impl Placement {
         Ok(Self { rotation: Mat3::from_cols(x, z.cross(x), z), scale, translation: column(3) })
     }
 
-    /// World units per unit of the field.
+    /// Number of world units per unit of the field's coordinates.
     pub fn scale(&self) -> f32 {
         self.scale
     }
@@ -86,7 +86,7 @@ impl Placement {
         Ray { origin: self.point_in_field(ray.origin), dir: self.dir_in_field(ray.dir) }
     }
 
-    /// Whether distances in the field equal those in the world, up to the rounding of the matrix.
+    /// Whether distances are equal in the field's and the world's coordinates: the scale is 1, up to rounding.
     pub(crate) fn is_rigid(&self) -> bool {
         (self.scale - 1.0).abs() <= 1e-6
     }

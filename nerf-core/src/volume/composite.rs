@@ -6,12 +6,12 @@ use crate::math::{MathBackend, with_math};
 
 /// Composites samples along one ray into colour, opacity and distance, as in a frame with the maths backend `math`.
 ///
-/// `sigma`: `[n]`, 1/world unit, >= 0. `rgb`: `[n]`. `t_edges`: `[n + 1]`, world units, ascending: edges of the bins.
-/// Each sample lies at the middle of its bin and is empty if its density is NaN or its colour is not finite.
-/// `z_depth` equals `ray_distance`, since a single ray has no view axis. Median distance and normal stay 0.
+/// `sigma`: `[n]`, densities, 1/world unit, >= 0. `rgb`: `[n]`, colours. `t_edges`: `[n + 1]`, edges of the bins, world
+/// units along the ray, ascending. A sample lies at the middle of its bin, and is empty if its density is NaN or its
+/// colour is not finite. `z_depth` equals `ray_distance`: no view axis is given. Median distance and normal stay 0.
 ///
 /// # Errors
-/// [`VolumeError`] if the lengths do not fit, or if the edges are not finite and ascending.
+/// [`VolumeError`] if the lengths are not `n`, `n` and `n + 1`, or if the edges are not finite and ascending.
 /// # Examples
 /// ```
 /// use nerf_core::{MathBackend, volume::composite};

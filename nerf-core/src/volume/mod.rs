@@ -21,8 +21,7 @@ pub(crate) use normal::NormalSum;
 /// Opacity up to which a pixel counts as having no surface. The distances of such a pixel are the frame's far distance.
 pub const OPACITY_EPSILON: f32 = 1e-4;
 
-/// Largest optical thickness of a sample; a larger one is clamped to this. The sample is then opaque: `e^-100` is 0 in
-/// any image.
+/// Largest optical thickness of a sample; a larger one is clamped. A transmittance of `e^-100` is 0 in any image.
 const MAX_TAU: f32 = 100.0;
 
 /// Optical thickness of a sample. `sigma`: density, 1/world unit. `delta`: width, world units, of the sample's bin: the
@@ -38,9 +37,9 @@ pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
     M::expm1(tau.neg()).neg()
 }
 
-/// Distance along the ray at which the optical thickness, summed from a bin's front edge, reaches `left`. `sigma`:
-/// constant density in the bin, not 0. `t`, `delta`: middle and width of the bin, world units along the ray. The result
-/// is clamped to the bin. If `sigma` is +inf, the result is the front edge.
+/// Distance along the ray at which the optical thickness, summed from a bin's front edge, reaches `left`. The result is
+/// clamped to the bin. If `sigma` is +inf, the result is the front edge. `sigma`: constant density in the bin, not 0.
+/// `t`: middle of the bin, world units along the ray. `delta`: width of the bin, world units along the ray.
 #[inline]
 pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     // Neither operand of the clamp is NaN, since `left` is finite and `sigma` is not 0.
@@ -54,8 +53,8 @@ pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
 }
 
-/// Returns the unit vector in the direction of `sum`, a weighted sum of normals. 0 if `opacity` is at most
-/// [`OPACITY_EPSILON`], or if the normals cancel. `weight`: sum of the normals' weights.
+/// Returns the unit vector in the direction of `sum`, a weighted sum of normals; zeros if the pixel's `opacity` is at
+/// most [`OPACITY_EPSILON`], or if the normals cancel. `weight`: sum of the normals' weights.
 #[cfg(any(feature = "normals", feature = "anti-aliasing"))]
 pub(crate) fn mean_direction(sum: [f32; 3], weight: f32, opacity: f32) -> [f32; 3] {
     // Length at or below which a mean of unit vectors is rounding noise.
@@ -139,10 +138,10 @@ impl Accumulator {
         self.left
     }
 
-    /// Adds the density of the next sample, at `t`, and returns its weight.
+    /// Adds the density of the next sample, at distance `t`, and returns the sample's weight.
     ///
-    /// `sigma`: 1/world unit, clamped to `>= 0`; `delta`, `t`: world units along the ray, `t` finite. A `sigma` or
-    /// `delta` of +inf is opaque, but 0 times +inf is 0. Callers must leave out samples with a NaN in `sigma`.
+    /// `sigma`: 1/world unit, clamped to `>= 0`; must not be NaN. `t`: world units along the ray, finite. `delta`:
+    /// width of the sample's bin, world units. A `sigma` or `delta` of +inf is opaque unless the other is 0.
     #[inline]
     pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
         let tau = thickness(sigma, delta);
@@ -188,7 +187,8 @@ impl Accumulator {
     /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin. If so, adds opacity 1 and the
     /// distance of the collision. The caller must already have added the bin's optical thickness. `before`: result of
     /// [`Accumulator::optical_thickness`] in front of the bin; `-before` is the thickness from there to the collision.
-    /// `sigma` (not 0), `t`, `delta`: the bin's density (1/world unit), middle and width (world units along the ray).
+    /// `sigma`: density of the bin, 1/world unit, not 0. `t`: middle of the bin, world units along the ray. `delta`:
+    /// width of the bin, world units along the ray.
     #[inline]
     pub(crate) fn collide(&mut self, before: f32, sigma: f32, t: f32, delta: f32) -> bool {
         let collides = -before < thickness(sigma, delta);

@@ -21,7 +21,7 @@ pub(crate) const LEFT: usize = 7;
 /// resets the sum in `rows` to 0; else returns 0 and keeps the sum. The results are those of `Accumulator::add_density`
 /// and then `Accumulator::take_uncoloured`, called for each ray.
 ///
-/// `sigma`: 1/world unit, a NaN is treated as 0; `t`, `delta`: world units along the ray.
+/// `sigma`: 1/world unit, a NaN is treated as 0. `t`: distance along the ray, `delta`: bin width, world units.
 #[inline(always)]
 pub(crate) fn add_samples<M: Math, V: Lanes>(
     rows: &mut Rows,

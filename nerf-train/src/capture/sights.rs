@@ -12,7 +12,7 @@ const MIN_TRACK: u32 = 3;
 const MAX_ERROR: f32 = 2.0;
 /// A key point is not used if its 3D point projects at least this far away from it, pixels of the view.
 const MAX_RESIDUAL: f32 = 3.0;
-/// A point has full confidence if at least this number of photographs show it.
+/// The confidence of a point rises with the number of photographs that show it, up to this number.
 const FULL_TRACK: f32 = 6.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

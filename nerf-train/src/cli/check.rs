@@ -119,8 +119,8 @@ impl Check {
         CrossValidation::of(dataset.clone(), &config, &options, &|_| stop::requested())
     }
 
-    /// Reports the expected time and memory of a check of [`MANY`] or more photographs, unless `--downscale` is given.
-    /// Fails if the photographs do not fit into memory.
+    /// Reports the expected time and memory of a check, and fails if the photographs do not fit into memory. Does
+    /// nothing for fewer than [`MANY`] photographs, or if `--downscale` is given.
     fn say_size(&self, global: &Global) -> anyhow::Result<()> {
         let files = data::files(&self.data);
         let pictures: Vec<_> = files.iter().filter(|file| is_picture_name(file)).collect();

@@ -107,8 +107,8 @@ impl Global {
         if self.json { super::interrupted_json(message) } else { super::interrupted(message) }
     }
 
-    /// Prints the result to stdout: as JSON with `--json`, else its fields as lines. Commands print results only here
-    /// or by [`Self::finish_with`]: with `--json`, stdout must hold one JSON object.
+    /// Prints the result to stdout: as JSON with `--json`, else its fields as lines. A command must print its result by
+    /// one call of this or of [`Self::finish_with`]: with `--json`, stdout must hold one JSON object.
     pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<ExitCode> {
         self.finish_with(result, || print(lines(result)?.trim_end()))
     }

@@ -9,7 +9,7 @@ use std::process::ExitCode;
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train config --preset small > run.toml")]
 pub struct PrintConfig {
-    /// Preset: grid (learned hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256).
+    /// Preset: grid (hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
 }

@@ -45,7 +45,7 @@ pub struct Fit {
     /// Training steps [default: the preset's; unlimited with --max-seconds].
     #[arg(long, value_name = "N")]
     steps: Option<u32>,
-    /// Preset: grid (learned hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256).
+    /// Preset: grid (hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
     /// TOML file of settings that override the preset (see `config`).

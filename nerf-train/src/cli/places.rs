@@ -7,9 +7,9 @@
 //! | `render` of one view | [`VIEW`] |
 //! | `export` | `.ply`, `.obj`, `.glb`, `.npz` |
 //! | `render` of a video | `.gif`, `.mp4`, or a folder of frames |
-//! | `check`, `show`, `sweep`, `demo`, `--report` | a folder |
+//! | `check`, `poses`, `show`, `sweep`; also `demo --out` and every `--report` | a folder |
 //!
-//! A name without an extension, and a device such as `/dev/null`, is accepted for every format.
+//! For every format, a name without an extension and a device such as `/dev/null` are accepted.
 
 use crate::system::output::claims::is_device;
 use anyhow::bail;
@@ -43,7 +43,7 @@ pub fn check_folder(flag: &str, path: &Path) -> anyhow::Result<()> {
     }
 }
 
-/// [`check_folder`] for `--report`, if it is given.
+/// Applies [`check_folder`] to the folder of `--report`, if given.
 pub fn check_report(path: Option<&PathBuf>) -> anyhow::Result<()> {
     path.map_or(Ok(()), |path| check_folder("--report", path))
 }

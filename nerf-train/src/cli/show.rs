@@ -45,7 +45,7 @@ pub struct Show {
     /// Training step whose rays are shown.
     #[arg(long, value_name = "N", default_value_t = 0)]
     step: u32,
-    /// Preset: grid (learned hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256).
+    /// Preset: grid (hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: Preset,
     /// Seed of the random choices in training, which select the rays [default: the preset's].

@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// Occupancy grids to build: cells along the longest side, and threshold on density × distance between samples.
+/// Occupancy grids to build: `(cells along the longest side of the scene box, threshold on density × sample spacing)`.
 const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0.1), (128, 0.01)];
 
 /// Measure time and accuracy of approximate rendering, such as fewer samples, and find the Pareto front.
@@ -149,7 +149,7 @@ impl Study {
         Ok(claims.settle()?)
     }
 
-    /// Adds variants of the scene to measure: with other occupancy grids, and with int8 tables.
+    /// Adds variants of the scene to measure: with other occupancy grids, and with the learned grid in int8.
     fn add_variants(&self, lab: &mut Variants<'_>, global: &Global) -> anyhow::Result<()> {
         if !self.no_other_occupancy && lab.has_occupancy(0) {
             global.say("asking the network which cells hold something, for other occupancy grids");

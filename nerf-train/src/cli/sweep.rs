@@ -87,7 +87,7 @@ impl Lists {
         Ok(inputs.writes_folder("-o", &self.output).check()?)
     }
 
-    /// Whether `--levels`, `--layers` or `--width` is given; the default preset is then one with a sinusoidal network.
+    /// Whether `--levels`, `--layers` or `--width` is given; the default preset then has a sinusoidal encoding.
     fn of_sinusoidal(&self) -> bool {
         !(self.levels.is_empty() && self.layers.is_empty() && self.width.is_empty())
     }
@@ -107,7 +107,7 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Trains each combination that has no result yet, then reports all results. `more`: further lists to vary.
+    /// Trains combinations of this process's part that have no result, then reports all results. `more`: further lists.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;
@@ -158,7 +158,7 @@ pub struct ImageSweep {
     photo: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Preset: grid (learned hash grid), classic (sinusoidal encoding), sharp (classic with one layer more, trained
+    /// Preset: grid (hash grid), classic (sinusoidal encoding), sharp (classic with one layer more, trained
     /// longer) [default: grid; classic with --levels, --layers or --width].
     #[arg(long, value_enum, hide_possible_values = true)]
     preset: Option<FieldPreset>,
@@ -190,7 +190,7 @@ pub struct SceneSweep {
     data: PathBuf,
     #[command(flatten)]
     lists: Lists,
-    /// Preset: grid (learned hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256) [default: grid; small with --levels, --layers, --width or --samples].
+    /// Preset: grid (hash grid), small (small network, sinusoidal encoding), seed (classic NeRF, 8 layers of 256) [default: grid; small with --levels, --layers, --width or --samples].
     #[arg(long, value_enum, hide_possible_values = true)]
     preset: Option<Preset>,
     /// TOML file of settings that override the preset (see `config`).

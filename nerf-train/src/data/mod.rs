@@ -75,7 +75,7 @@ pub struct Dataset {
     /// Origin of all coordinates, in the file's world: (0, 0, 0) unless the cameras are far from the file's origin.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
-    /// Oddities that did not prevent reading, one sentence each.
+    /// Problems found in the data set or the options that did not prevent reading, one sentence each.
     pub warnings: Vec<String>,
 }
 
@@ -109,8 +109,8 @@ impl Dataset {
         }
     }
 
-    /// If there are no validation views, makes the test views validation views; returns whether views were moved.
-    /// Results on these views are still test results, because a fit chooses nothing by its validation results.
+    /// Moves the test views to `val` if there are no validation views; returns whether views were moved. Results on the
+    /// moved views are still test results, because a fit makes no choice that depends on validation results.
     pub fn validate_on_test(&mut self) -> bool {
         let instead = self.val.is_empty() && !self.test.is_empty();
         if instead {
@@ -122,7 +122,7 @@ impl Dataset {
     /// Removes the photographs with these `names` from all splits. On an error, the data set is unchanged.
     ///
     /// # Errors
-    /// If a name is that of no photograph, or if no training photograph would be left.
+    /// If no photograph has one of the names, or if no training photograph would be left.
     pub fn leave_out(&mut self, names: &BTreeSet<&str>) -> Result<(), DatasetError> {
         let fault = |expected: &str, found: &str| {
             Err(DatasetError::value(Path::new(&self.name), "names to leave out", expected, found))
@@ -141,7 +141,7 @@ impl Dataset {
         Ok(())
     }
 
-    /// Sets the origin to which all coordinates are already relative; states this origin in the name and in a note.
+    /// Stores `origin` in its field, the name and a note. Before the call, coordinates must be relative to `origin`.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -246,7 +246,7 @@ impl std::str::FromStr for Axes {
 /// Choice between the cameras (sets of intrinsics) of a COLMAP reconstruction and one camera per device (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
-    /// One camera for each device. A reconstruction with one camera for each photograph is adjusted again.
+    /// One camera for each device. For a reconstruction with one per photograph, bundle adjustment is repeated.
     #[default]
     Shared,
     /// The cameras of the reconstruction, unchanged.
@@ -285,13 +285,13 @@ pub struct ReadOptions {
     pub far: Option<f32>,
     /// Size limit of an unpacked array of an archive, bytes, against zip bombs; `None`: 4 GiB.
     pub max_array_bytes: Option<u64>,
-    /// Whether pictures outside of a json's folder are read (`--outside-files`): by `..`, an absolute path, or a link.
+    /// Whether pictures that a path or link places outside of the data set's folder are read (`--outside-files`).
     pub outside_files: bool,
     /// Layout in which a folder is read, if several fit (`--layout`).
     pub layout: Option<Layout>,
     /// Factor by which photographs are reduced (`--downscale`); [`Downscale::Auto`] reduces nothing in Blender folders.
     pub downscale: Downscale,
-    /// Index, 0 to 7, of the held-out photograph in each eight, sorted by name; ignored if the data set lists splits.
+    /// Index, 0 to 7, of the held-out view in each group of eight, sorted by name; ignored if the data set has splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
     /// File that stores shared cameras. If it was made from this reconstruction, it is read; otherwise it is written,
@@ -320,7 +320,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     read_watched(path, options, &Watch::default())
 }
 
-/// Does the same as [`read`], and counts the pictures read in `watch`, so that another thread can show progress.
+/// Does the same as [`read`]. Counts in `watch` how many pictures have been read; another thread can show the progress.
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;

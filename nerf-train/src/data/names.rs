@@ -4,7 +4,7 @@ use crate::data::View;
 use std::collections::HashSet;
 use std::path::Path;
 
-/// File name stems that a report needs for itself, such as `views.png`, its contact sheet.
+/// File name stems of a report's own files, for example `views` of the contact sheet `views.png`.
 const RESERVED: [&str; 4] = ["views", "curve", "curve_steps", "snapshots"];
 
 /// Maximum length of a stem, bytes. A file name of 255 bytes then has room for `step_0000000000_` and `_z_depth.png`.
@@ -89,7 +89,7 @@ pub(crate) fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
-/// The first few names, and the number of further ones.
+/// Text that lists the first eight names, separated by commas, and states the number of remaining names, if any.
 pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 8;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();

@@ -38,7 +38,7 @@ pub struct Report {
     pub points: usize,
     /// Number of distinct cameras, by intrinsics and lens.
     pub cameras: usize,
-    /// Origin of all coordinates in the report; its position is given in the file's world.
+    /// Position, in the world of the data set's files, of the origin of all coordinates in this report.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// The reader's warnings, then those of this report.
@@ -119,8 +119,8 @@ fn one_place(dataset: &Dataset) -> Option<String> {
     (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
 }
 
-/// Warning, with a remedy, if the cameras do not look at a common place. The opposite convention ([`Axes::other`]) is
-/// right exactly if the axes meet behind the cameras. Forward-facing captures get no warning: their axes need not meet.
+/// Warning, with a remedy, if the cameras do not look at a common place. If their axes meet behind the cameras, the
+/// remedy is the other convention ([`Axes::other`]). Forward-facing captures get no warning: their axes need not meet.
 fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {
     if look_at.agrees() || look_at.forward_facing() {
         return None;

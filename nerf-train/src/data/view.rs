@@ -57,10 +57,10 @@ impl View {
         Self { camera, ..self.clone() }
     }
 
-    /// Returns every `step`-th pixel of every `step`-th row, with a camera that has exactly the rays of these pixels.
-    /// Returns the view itself if `step` is 1, or if the mask leaves no sampled pixel. `step` must be odd. Pixel `i` of
-    /// the result is pixel `step i + step / 2` of the view. Along a side shorter than `step`, the step is the largest
-    /// odd number that fits.
+    /// Returns the middle pixel of each block of `step` × `step` pixels, with a camera that has exactly the rays of
+    /// these pixels. `step` must be odd. Along a side shorter than `step`, a block is as long as the largest odd number
+    /// of pixels that fits; incomplete blocks are dropped. Returns the view itself if `step` is at most 1, or if the
+    /// mask leaves none of these pixels.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
             return Cow::Borrowed(self);
@@ -108,8 +108,8 @@ impl View {
         self.pixels.iter().any(|p| p[3] < 255)
     }
 
-    /// Returns the picture composited over `background`, `[height * width]`; both are display-encoded in [0, 1]. The
-    /// formula is `colour * alpha + background * (1 - alpha)` in display space, as for published figures.
+    /// Returns the picture composited over `background`, `[height * width]`; background and result are display-encoded,
+    /// in [0, 1]. The formula is `colour * alpha + background * (1 - alpha)`, as in NeRF's reference code.
     pub fn composite_over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
         self.pixels.iter().map(|&pixel| over(pixel, background)).collect()
     }
@@ -143,7 +143,7 @@ pub fn is_blank(views: &[View]) -> bool {
     pixels.next().is_none_or(|first| pixels.all(|pixel| pixel == first))
 }
 
-/// Background of the scene in its pictures.
+/// Kind of background in the pictures of a scene: transparent, of one colour, or part of the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Background {

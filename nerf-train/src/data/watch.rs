@@ -21,7 +21,7 @@ impl Watch {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Time spent on adjusting or reading shared cameras. The time reported for a fit excludes it.
+    /// Time spent on computing or reading shared cameras, one for each device. The time of a fit excludes this time.
     pub fn set_aside(&self) -> Duration {
         Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
     }

@@ -19,7 +19,7 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Used fraction of the budget after one more step, if it takes `last_step` seconds, as the last step did.
+    /// Used fraction of the budget. To the elapsed time, `last_step` seconds are added for the next step.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;

@@ -34,13 +34,14 @@ pub struct Outcome {
     /// Scores of the exported field on all validation views, rendered over `background`; empty without validation
     /// views.
     pub scores: Scores,
-    /// Scores of the training photographs, in their order, each from a few evenly spaced pixels.
+    /// Score of each training photograph, in the order of the training split, from a few evenly spaced pixels.
     pub trained: Vec<ViewScore>,
-    /// Spacing of the scored pixels along rows and columns in `scores`; 1 is every pixel.
+    /// Spacing, along rows and columns, of the pixels on which `scores` are measured; 1 measures every pixel.
     pub lattice: u32,
     /// Distances between the field's rendered surfaces and the sparse points that the validation views show.
     pub surfaces: Surfaces,
-    /// Scores of the validation views from refined poses, at the pixels of `scores`; `None` if poses are not refined.
+    /// Scores of the validation views with refined poses, measured on the same pixels as `scores`. `None` if poses are
+    /// not refined, or without validation views.
     pub refined_scores: Option<Scores>,
     pub refined_poses: Option<RefinedPoses>,
     pub poses: Option<PosesFound>,
@@ -51,10 +52,10 @@ pub struct Outcome {
     pub shown: Vec<Shown>,
     /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
-    /// PSNR of an image of one colour, dB, with the best colour for each view. Mean over the validation views; if there
-    /// are none, over some training views. Views that show a single colour themselves are left out.
+    /// PSNR of an image in the view's mean colour, dB: mean over the validation views that show more than one colour.
+    /// Without validation views, some training views are used.
     pub flat_psnr_db: f64,
-    /// Whether no view scores better than an image of one colour: the learning rate was too high, or the steps too few.
+    /// Whether no view scores better than an image of one colour. If true: learning rate too high, or too few steps.
     pub flat: bool,
     /// PSNR lost by rounding weights to f16 and tables to their stored format, dB. Measured on at most ten validation
     /// views, at the same pixels as `scores`. `None` without validation views.
@@ -80,7 +81,7 @@ pub struct Outcome {
     pub occupied_share: f32,
     /// Seconds from the start until the last step, reading and validation included.
     pub train_seconds: f64,
-    /// Samples per second of training: samples with an evaluated density, and samples that gradients were computed for.
+    /// Numbers of samples per second of training: `[samples with evaluated density, samples with computed gradients]`.
     pub samples_per_second: [f64; 2],
 }
 
@@ -188,8 +189,8 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Scores of each of the `renderings`, which are pairs of a blob and quality settings. All are scored on the same
-/// pixels of `views`, as many as the time limit allows.
+/// Returns the scores of `views` for each of the `renderings`, pairs of a blob and quality settings. All renderings are
+/// scored on the same pixels: as many as the time limit allows, up to a fixed largest number per view.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -260,8 +261,8 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Scores of the training photographs without their masked pixels. Takes at most the fraction [`QUESTION_SHARE`] of the
-/// time limit.
+/// Scores of the training photographs, without masked pixels. Measuring them is planned to take at most the fraction
+/// [`QUESTION_SHARE`] of the time limit.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -283,7 +284,7 @@ pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Refined poses of all views, and scores of the validation views from them; `None` if poses are not refined.
+/// Refined poses of all views, and scores of the validation views with these poses; `None` if poses are not refined.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -322,21 +323,20 @@ fn ask_rounding(
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
 }
 
-/// Number of training views whose rays are averaged to one mean direction.
+/// Number of training views over whose rays the encoded direction is averaged.
 const RAY_VIEWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewDependence {
-    /// PSNR that view-dependent colour gains over colour for one mean direction, dB, on training views.
+    /// PSNR with view-dependent colour minus PSNR with the mean encoded direction, dB, on training views.
     pub gain_db: f64,
     pub left_out: bool,
 }
 
-/// Replaces the candidate's direction input by the mean direction of the training rays, if this lowers the PSNR by less
-/// than the threshold.
+/// Replaces the candidate's encoded direction by its mean over training rays, if this lowers PSNR by less than the
+/// threshold. Returns `None` if no threshold is set, or if colour does not depend on the direction.
 ///
-/// The PSNR lost is measured on training views: validation views must not decide what is exported. Returns `None` if no
-/// threshold is set, or if colour does not depend on the direction.
+/// PSNR is measured on training views: validation views must not decide what is exported.
 pub(super) fn ask_direction(
     session: &Session<'_, '_>,
     candidate: &mut Candidate,

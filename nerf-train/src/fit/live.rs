@@ -1,4 +1,4 @@
-//! Folder in which a run keeps its newest blob, for a web page that displays it.
+//! Folder in which a run keeps its newest blob, for a web page that displays the field.
 //!
 //! | file | |
 //! | --- | --- |

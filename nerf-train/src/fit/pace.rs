@@ -7,8 +7,8 @@
 pub const VALIDATION_SHARE: f64 = 0.05;
 /// Fraction of the time limit that the final evaluation of all validation views may take.
 pub const FINAL_SHARE: f64 = 0.10;
-/// Fraction of the time limit for each of six measurements before the export: with and without view dependence, with
-/// and without the occupancy grid, without rounding, and on all training photographs at few pixels.
+/// Fraction of the time limit that each of six measurements at the end may take: with and without view dependence, with
+/// and without the occupancy grid, without quantisation, and on few pixels of all training photographs.
 pub const QUESTION_SHARE: f64 = 0.015;
 const QUESTIONS: usize = 6;
 /// Seconds reserved for writing files: `[without a report, with a report]`.
@@ -112,15 +112,15 @@ impl Pace {
         self.per_pixel = Some(seconds / pixels.max(1) as f64);
     }
 
-    /// Adds to the run's validation time the seconds of one validation: export of the field, and rendering.
+    /// Adds `seconds`, the time of one validation (export and rendering), to the run's total time of validation.
     pub fn validated(&mut self, seconds: f64) {
         self.validated += seconds;
     }
 
-    /// Returns the estimated seconds of the work after the last step: validation, export with its comparisons of
-    /// candidates, evaluation, and writing files. 0 without a time limit. `validation`: number of pixels that the
-    /// evaluation renders, and largest number on which the quantisation loss is measured. `asked`: number of pixels
-    /// rendered in each comparison.
+    /// Returns the estimated seconds of the work after the last step: a last validation, comparisons of export
+    /// candidates, exports, final evaluation, and writing files. Returns 0 without a time limit. `validation`: number
+    /// of pixels that the final evaluation renders; measuring the quantisation loss is assumed to render as many.
+    /// `asked`: number of pixels that each comparison renders.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {

@@ -32,8 +32,8 @@ const FEWER_LEVELS: usize = 2;
 /// Number of times that the configured number of entries may be doubled: only for entropy-coded tables, and if the file
 /// has room. Measured on lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 dB with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Least number of bits per value of entropy-coded tables. Table settings fit into a file only if it has room for this
-/// many bits per value. The second number is used only if no settings fit with the first. With either number, the
+/// Least number of bits per value of entropy-coded tables: table settings count as fitting only if the file has room
+/// for this many. The second number is used only if no settings fit with the first. With either number, the
 /// quantisation steps are then made as fine as the file's limit allows.
 ///
 /// PSNR on lego if the first number is 3.9 or 2.0, with every tenth training photograph held out:
@@ -67,9 +67,9 @@ pub struct Chosen {
 /// bytes. The limit holds whatever the run learns, and includes a Pareto front. `extent`: sides of the scene box, world
 /// units. Returns `None` without a learned grid.
 ///
-/// If the file of `config` is too large and the user did not choose the format of the tables, they are entropy-coded.
-/// Entropy-coded tables have as many values as fit, at most twice as many as configured, and the finest quantisation
-/// steps that fit. No other setting grows. Returns an error if even the smallest file is too large.
+/// If the file of `config` is too large, f16 tables become entropy-coded, unless the user chose the format. Coded
+/// tables have as many values as fit, and then the finest quantisation steps that fit. Their number of entries may
+/// double, with slightly finer levels; no other setting grows. Returns an error if even the smallest file is too large.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -108,8 +108,8 @@ pub fn within(
 /// Adapts the learned grid's settings for a 2D field so that the exported file has at most `max_bytes` bytes, whatever
 /// the run learns. `size`, `name`: size and name of the fitted picture. Returns `None` without a learned grid.
 ///
-/// The number of values is chosen as by [`within`]. The finest level does not change, as it holds the picture's detail.
-/// Returns an error if even the smallest file is too large.
+/// Chooses the number of values as [`within`] does, without doubling entries. The finest level keeps its resolution,
+/// because it holds the picture's detail. Returns an error if even the smallest file is too large.
 pub fn picture_within(
     config: &FieldConfig,
     chosen: Chosen,

@@ -9,9 +9,9 @@ use std::path::PathBuf;
 /// Folder, steps and views of the snapshots that a run takes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SnapshotOptions {
-    /// Folder of the report; images are written to its folder `snapshots`.
+    /// Folder of the report; images are written to the folder `snapshots` inside this folder.
     pub folder: PathBuf,
-    /// Steps at which snapshots are taken; if empty, at every validation.
+    /// Steps at which to take snapshots; if empty, at validations, at most one per eighth of the budget and at the end.
     pub steps: Vec<u32>,
     /// Indices, in the validation split, of the views to render; if empty, the views validated during training.
     pub views: Vec<usize>,

@@ -161,7 +161,7 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Combines the findings of `diagnosis`, before the fit, with those about the training photographs after it.
+    /// Combines the findings before the fit, `diagnosis`, with a judgement of the training photographs' final PSNRs.
     pub fn of(diagnosis: &Diagnosis, outcome: &Outcome) -> Self {
         let photographs: Vec<_> = outcome.trained.iter().map(|score| (&*score.view, score.psnr_db)).collect();
         let fitted = Fitted::of(diagnosis, &photographs, outcome.steps);

@@ -11,8 +11,8 @@ const TRAIN_RISE_DB: f64 = 0.3;
 /// Least number of validations without a rise after the best one, so that one bad validation is not taken for a trend.
 const VALIDATIONS_AFTER: usize = 2;
 
-/// The validation after which the validation PSNR stopped rising. `val_psnr_db`: mean over the validated views;
-/// `train_psnr_db`: smoothed PSNR of the training rays. `last_…`: the same values at the last validation.
+/// The validation after which the validation PSNR (mean over the validated views) stopped rising. `train_psnr_db` is
+/// the smoothed PSNR of the training rays. The fields with `last_` hold the values at the last validation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stop {
     pub step: u32,
@@ -88,8 +88,8 @@ impl fmt::Display for Stop {
 mod tests {
     use super::*;
 
-    /// Training curve with a validation every 100 steps, and a point without validation before each. `validations`:
-    /// pairs of training and validation PSNR, dB.
+    /// Training curve with a validation every 100 steps, and a point without validation 50 steps before each
+    /// validation. `validations`: pairs of training and validation PSNR, dB.
     fn curve(validations: &[(f64, f64)]) -> Vec<CurvePoint> {
         let points = validations.iter().zip(1u32..).flat_map(|(&(train_psnr_db, val), i)| {
             let validated = CurvePoint {

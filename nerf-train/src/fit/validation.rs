@@ -48,8 +48,8 @@ pub(super) struct Due {
 
 /// Returns whether a validation, snapshots or both are due; `None` if neither is. `share`: used fraction of the budget.
 /// `ended`: whether the last step is done. The decision depends on step, budget and the trainer's state, so that a
-/// resumed run validates at the same steps as an uninterrupted one. With a limit in seconds, it also depends on the
-/// duration of a validation.
+/// resumed run validates at the same steps as an uninterrupted run. With a limit in seconds, the decision also depends
+/// on measured times.
 pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Option<Due> {
     let validation = validation_is_due(session, share, ended);
     let pictures = pictures_are_due(session, share, ended);
@@ -60,7 +60,7 @@ pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Opti
 /// snapshot. `share`: used fraction of the budget.
 ///
 /// With a limit in seconds, the eighths shift slightly, because the time reserved for the end of a run is estimated
-/// anew at every step. At least half an eighth must therefore have passed.
+/// anew at every step. Therefore, at least half an eighth must also have passed since `last`.
 fn in_another_part(session: &Session<'_, '_>, share: f64, last: Option<(u32, f64)>) -> bool {
     let then = last.map_or(0.0, |(step, seconds)| session.share_at(step, seconds));
     let part = |share: f64| (share * PARTS) as u32;
@@ -96,8 +96,8 @@ fn pictures_are_due(session: &Session<'_, '_>, share: f64, ended: bool) -> bool 
     }
 }
 
-/// Measures the present field on the validated views, and takes snapshots. All views are measured at the same spacing
-/// of pixels.
+/// Validates the present field, takes snapshots, or does both, as `due` says. All rendered views have the same spacing
+/// of measured pixels.
 pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Result<()> {
     let (begun, seconds) = (Instant::now(), session.clock.seconds());
     let mut point = session.trainer.state.point(seconds, None);

@@ -9,7 +9,7 @@ use anyhow::ensure;
 use serde::Serialize;
 use std::path::Path;
 
-/// Number of fits. Each holds out every eighth photograph by name, another one than the other fits.
+/// Number of fits. Each fit holds out every eighth photograph by name; each photograph is held out of exactly one fit.
 pub const FITS: usize = 8;
 /// A photograph is unpredicted if its PSNR is further below the median than this, dB.
 const BELOW_MEDIAN_DB: f64 = 1.0;
@@ -21,7 +21,7 @@ pub struct CrossValidation {
     /// Training steps of each fit.
     pub steps: u32,
     pub median_psnr_db: f64,
-    /// Names of the photographs that the others predict badly: those of the lowest PSNR.
+    /// Names of the photographs that fits to other photographs predict badly, lowest PSNR first.
     pub unpredicted: Vec<String>,
     /// Scores of each photograph, from the fit that held it out; lowest PSNR first.
     pub held_out: Vec<ViewScore>,
@@ -32,7 +32,7 @@ impl CrossValidation {
     /// photographs are not used. Returns `None` if `stop` ends a fit.
     ///
     /// # Errors
-    /// Fewer than two photographs for each fit; errors of the fits.
+    /// Fewer than two held-out photographs per fit; errors of the fits.
     pub fn of(
         mut dataset: Dataset,
         config: &Config,

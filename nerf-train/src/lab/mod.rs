@@ -1,7 +1,7 @@
 //! Experiments: settings, their runs, and the results.
 //!
-//! lists of settings → one run each, kept as one small file in the experiment's folder → table rows. The modules in
-//! `show/reports` turn rows into tables, plots and pages.
+//! A sweep does a run for each combination of listed values, and keeps each result as one file in the sweep's folder.
+//! The modules in `show/reports` turn results into tables, plots and pages.
 
 pub mod cross_validation;
 mod shard;

@@ -6,7 +6,7 @@ use std::str::FromStr;
 /// Part of a sweep that one process runs: `i/n` takes every n-th point, beginning with the i-th.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// Number of the part, `1..=count`.
+    /// Index of this part, from 1 to `count`.
     pub index: usize,
     /// Number of parts, at least 1.
     pub count: usize,
@@ -15,7 +15,7 @@ pub struct Shard {
 impl Shard {
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
-    /// Returns this process's part of an array job, and the environment variable that states it; `None` without one.
+    /// Returns this process's part of an array job, and the variable with the part's index; `None` outside array jobs.
     ///
     /// Slurm: `SLURM_ARRAY_TASK_ID` is one of `SLURM_ARRAY_TASK_COUNT` evenly spaced indices. The first index is
     /// `SLURM_ARRAY_TASK_MIN` (default 0), the last `SLURM_ARRAY_TASK_MAX`, the spacing `SLURM_ARRAY_TASK_STEP`

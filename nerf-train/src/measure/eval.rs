@@ -16,8 +16,8 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Change of PSNR without the occupancy grid, dB, above which the grid is part of the model: rendering without the grid
-/// is then refused. The threshold is a little less than the 0.1 dB that the quality preset `Balanced` may lose.
+/// Threshold, dB. If leaving out the occupancy grid changes PSNR by more than this, up or down, the grid is part of the
+/// model: rendering without it is refused. The value is below the 0.1 dB that the preset `Balanced` may lose.
 pub const OCCUPANCY_LOSS_DB: f64 = 0.08;
 
 #[derive(Clone, Debug, Serialize)]
@@ -64,9 +64,9 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
     (n > 0).then(|| values.sum::<f64>() / n as f64)
 }
 
-/// Renders every view over `background`, and compares it with its photograph over the same background. Masked pixels
-/// are left out. Rays begin at the camera, unless the plan limits the range of distances. `each` is called with every
-/// view, its frame, ground truth and score, in order.
+/// Renders every view over `background`, and scores the frame against the view's photograph over the same background.
+/// Masked pixels do not count. Rays begin at the camera, unless the plan limits the range of distances. `each` is
+/// called with every view, its frame, ground truth and score, in order.
 pub fn evaluate<'v>(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,

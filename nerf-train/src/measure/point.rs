@@ -172,7 +172,7 @@ impl Point {
 pub enum Clock {
     /// Wall-clock time.
     Wall,
-    /// CPU time of all cores together: steadier on a shared machine.
+    /// CPU time of all cores together: steadier than wall-clock time on a shared machine.
     Cpu,
 }
 
@@ -185,7 +185,7 @@ impl Clock {
     }
 }
 
-/// Mean time over the timed views of a round, seconds; `None` if one of them was not timed.
+/// Mean time over the views of a round, seconds. `None` without views, or if a view's time is missing or not finite.
 fn mean(round: &[Option<Clocked>], clock: Clock) -> Option<f64> {
     let seconds: Option<Vec<f64>> = round.iter().map(|c| c.as_ref().map(|c| clock.of(c))).collect();
     let seconds = seconds.filter(|seconds| !seconds.is_empty())?;
@@ -215,7 +215,7 @@ pub struct Settings {
     /// Index in `Variants` of the rendered variant of the scene file; 0: the unchanged file.
     pub variant: usize,
     pub precision: Precision,
-    /// Size of the rendered picture, in quarters of the view's width and height. A smaller picture is enlarged later.
+    /// Size at which a view is rendered, in quarters of its width and height. The result is then enlarged to full size.
     pub quarters: u32,
     pub rays: u16,
 }

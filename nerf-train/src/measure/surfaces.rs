@@ -12,13 +12,13 @@ use nerf_core::{Kernel, host};
 
 /// Approximate number of pixels per view at which distances are measured; the pixels are on a regular grid.
 const ASKED_PIXELS: u64 = 10_000;
-/// Fraction of the distance to a view's nearest sparse point, below which a surface is too near.
+/// Distance below which a surface is too near, as a fraction of the distance to the view's nearest sparse point.
 const TOO_NEAR: f32 = 0.9;
 
 /// Errors of a field's surfaces, which lie at the median distances of rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Surfaces {
-    /// Median relative error of `median_distance` at key points against sparse points; `None` without key points.
+    /// Median over key points: relative error of `median_distance` against the sparse point. `None` without key points.
     pub depth_error: Option<f64>,
     /// Mean over the views of the fraction of pixels whose `median_distance` is less than 0.9 times the distance of the
     /// nearest sparse point in the view; `None` if no view has a sparse point.
@@ -38,7 +38,7 @@ impl Surfaces {
     /// Outputs that a plan must have for [`Self::with`].
     pub const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
 
-    /// Measures the surfaces of a renderer's field against `points`. The outputs of `plan` include [`Self::OUTPUTS`].
+    /// Measures the surfaces of a renderer's field against `points`. `plan` must have the outputs [`Self::OUTPUTS`].
     ///
     /// Uses only the key points and sparse points that [`Sights`] accepts.
     pub fn with(

@@ -43,8 +43,8 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
 /// Returns the least exponent from `least` to [`COARSEST`] with which coded tables take at most `most` bytes, else
 /// [`COARSEST`]. `rounded`: the rounded values for an exponent.
 ///
-/// Coding takes 30 times as long as computing the [`entropy`]. The search therefore begins at the exponent whose entropy,
-/// scaled to the bytes of one coding, is `most`, and moves away from it in steps that double.
+/// Coding takes 30 times as long as computing the [`entropy`]. The search therefore begins at an exponent estimated
+/// from entropies and one coding. Steps double until the result lies between two exponents; then intervals are halved.
 fn finest_within(least: i32, most: usize, grid: &GridEncoding, rounded: impl Fn(i32) -> Vec<u8>) -> i32 {
     let exponents: Vec<i32> = (least..COARSEST).collect();
     let by_entropy = |bytes: f64| {
@@ -123,7 +123,8 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }
 
-/// Returns `values` with 0 in all entries that no sample in an occupied cell reads. `bits`: one per occupancy cell.
+/// Returns `values` with 0 in the entries that no sample in an occupied cell reads. Levels with more than [`SHARED`]
+/// vertices per entry stay unchanged. `bits`: one per occupancy cell.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],

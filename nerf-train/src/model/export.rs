@@ -8,7 +8,7 @@ use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, Stor
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 use std::borrow::Cow;
 
-/// Contents of an exported file.
+/// Network, kind of content, occupancy grid and provenance, as inputs of [`export`].
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
     pub architecture: &'a Architecture,
@@ -75,7 +75,7 @@ pub enum ExportError {
 /// Rounds the parameters to f16 and the tables to their storage, and returns the bytes of the exported file.
 ///
 /// # Errors
-/// [`ExportError`] for a weight beyond f16's range, and for contents that the format refuses.
+/// [`ExportError`] for a weight or table value beyond f16's range, and for contents that the format refuses.
 pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
     export_with(contents, None)
 }

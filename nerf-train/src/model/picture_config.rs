@@ -34,7 +34,7 @@ pub struct FieldConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum FieldPreset {
-    /// A learned grid as fine as the image, and small layers: seconds to fit, about a mebibyte for a large image.
+    /// A learned grid as fine as the image, and small layers: fits in seconds; a file of about 1 MiB for a large image.
     Grid,
     /// Settings of a common course exercise: 10 frequencies, 3 layers of 256 channels, 3,000 steps of 10,000 pixels.
     /// Deviation: the learning rate rises to 1e-2, then falls. With a constant rate and no average of parameters, as in
@@ -133,7 +133,7 @@ impl FieldConfig {
         self.optimiser.check()
     }
 
-    /// Returns the network for an image of this size, pixels. Export does not merge any of its layers.
+    /// Returns the network for an image of this size, pixels. The exported network has the same layers.
     pub fn model(&self, size: [u32; 2]) -> Model {
         let layer = TrunkLayer { width: self.width as u16, skip: false };
         let (levels, scale) = (self.levels, AngleScale::Pi);

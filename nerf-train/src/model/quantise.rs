@@ -35,7 +35,7 @@ impl From<TableStorage> for Rounding {
 
 /// Fraction of a run after which training rounds int8 and coded tables, as export does, and compensates for rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fraction of a level's values that each candidate step leaves unclipped; the largest magnitudes are clipped.
+/// Fractions of a level's values to keep unclipped, one per candidate step; the largest magnitudes are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -139,9 +139,9 @@ pub(super) fn steps(value: f32, scale: f32) -> f32 {
     ((value / scale).clamp(-STEPS, STEPS) + WHOLE) - WHOLE
 }
 
-/// Returns the quantisation step with the least squared error of rounding and clipping a level's values. A candidate
-/// step leaves one of the fractions [`KEPT`] of the values unclipped. A few values are often many times as large as all
-/// others: clipping them costs less than coarse steps.
+/// Returns the quantisation step with the least squared error of rounding and clipping a level's values. There is one
+/// candidate step for each fraction in [`KEPT`]. A few values are often many times as large as all others: clipping
+/// these few adds less error than coarse steps.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);

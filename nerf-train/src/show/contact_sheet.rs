@@ -15,7 +15,7 @@ const INK: [f32; 3] = [0.1; 3];
 #[derive(Clone, Debug)]
 pub struct Cell {
     pub picture: Picture,
-    /// Text below the picture, wrapped to the cell's width with its line ends kept; may be empty.
+    /// Text below the picture; may be empty. Long lines are wrapped to the cell's width, and line ends are kept.
     pub caption: String,
 }
 
@@ -25,7 +25,7 @@ impl Cell {
     }
 }
 
-/// Contact sheet of `columns` cells per row on white, with a title line on top unless `title` is empty.
+/// Contact sheet on a white background: `title` on top unless it is empty, then rows of `columns` cells.
 ///
 /// `columns` is clamped to `1..=cells.len()`. If there are no cells and no title, the result is a small white picture.
 pub fn contact_sheet(title: &str, cells: &[Cell], columns: usize) -> Picture {

@@ -3,7 +3,7 @@
 use glam::{Mat3, Quat, Vec3};
 use nerf_core::camera::Pose;
 
-/// Number of segments between two keyframes. The arc length is the sum of the segments' lengths.
+/// Number of segments between neighbouring keyframes. The path's arc length is the sum of the segments' lengths.
 const PIECES: usize = 64;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,7 +49,7 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     (0..frames).map(frame).collect()
 }
 
-/// Rotations of the keyframes as quaternions, each with the sign (q or −q) that is nearer to its predecessor.
+/// Rotations of the keyframes as quaternions. Of q and −q (same rotation), the one nearer to its predecessor is used.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {
@@ -59,8 +59,8 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     turns
 }
 
-/// Position, rotation and field of view (degrees) on the path. `at`: index of a keyframe, with a fraction; `turns`:
-/// rotations from [`aligned`].
+/// Position, rotation and field of view (degrees) on the path. `at`: fractional index into `keys`; `turns`: rotations
+/// from [`aligned`].
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;

@@ -8,12 +8,12 @@ use std::f32::consts::TAU;
 /// Largest elevation of an orbit through the scene file's viewpoint, degrees: unusual up directions give steep orbits.
 const STEEPEST: f32 = 80.0;
 
-/// Circle of cameras, or an arc of one, around a centre at which all cameras look.
+/// Circle, or arc of a circle, of cameras that all look at a centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
     pub centre: Vec3,
     pub radius: f32,
-    /// Elevation of the cameras above the plane through the centre, degrees.
+    /// Elevation of the cameras above the plane through the centre that is perpendicular to `up`, degrees.
     pub elevation: f32,
     /// World direction that is up, unit length.
     pub up: Vec3,

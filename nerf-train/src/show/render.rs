@@ -13,14 +13,14 @@ use nerf_core::render::{Counters, Renderer};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Colour range of each distance output, world units.
+/// Distances at the two ends of the colour map, for each distance output, world units.
 pub type Ranges = Vec<(Output, (f32, f32))>;
 
 /// Lower limit of a view's sides in the coarse pass, pixels; the pass reduces each side to a quarter.
 const COARSE: u32 = 64;
 
-/// Renders every camera's view and passes it to all writers. `each` is called before each view, and at the end, with
-/// the number of finished views.
+/// Renders every camera's view and passes the frame to all writers. `each` is called with the number of finished views,
+/// before each view and at the end.
 ///
 /// If a view fails, dropping the writers leaves no half-written file.
 pub fn render(
@@ -41,10 +41,10 @@ pub fn render(
     Ok(counters)
 }
 
-/// Colour range of each distance output over all frames of a video, world units.
+/// Distances at the ends of the colour map, world units: one range for all frames of a video, per distance output.
 ///
-/// The ranges are needed before the first frame is written. A coarse pass finds them with a sixteenth of the work, so
-/// that no frame is kept in memory. `each` is called with the number of frames done.
+/// The ranges are needed before the first frame is written. A coarse pass finds the ranges with a sixteenth of the
+/// work; otherwise, all frames would have to be kept in memory. `each` is called with the number of frames done.
 pub fn ranges(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,

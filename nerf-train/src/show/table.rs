@@ -5,7 +5,7 @@ use crate::system::printable;
 use anyhow::Context;
 use std::path::Path;
 
-/// Named columns and rows of texts; every row has as many cells as there are columns.
+/// Table of text cells with named columns; every row has as many cells as there are columns.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Table {
     pub columns: Vec<String>,
@@ -13,7 +13,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Table without rows; column names include their unit: "time, s".
+    /// Table without rows. A name in `columns` should include the unit, as in "time, s".
     pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = S>) -> Self {
         Self { columns: columns.into_iter().map(cell).collect(), rows: Vec::new() }
     }
@@ -48,7 +48,7 @@ impl Table {
         Ok(write_atomic(path, &self.to_csv()?)?)
     }
 
-    /// Table in aligned columns for the terminal, numbers to the right; every line ends in "\n".
+    /// Table as text for the terminal; columns of numbers are aligned right. Every line ends in "\n".
     pub fn to_text(&self) -> String {
         let tidy = |cell: &String| cell.split_whitespace().collect::<Vec<_>>().join(" ");
         self.lines(tidy, "", "  ", "", |_, width| "─".repeat(width))

@@ -114,8 +114,8 @@ pub fn draw(
     }
 }
 
-/// Breaks `text` into lines no wider than `widest` pixels: at line ends, at spaces, and inside a word
-/// that is too long for a line. Each line has at least one character.
+/// Breaks `text` into lines no wider than `widest` pixels: at line ends, at spaces, and inside a word that is too long
+/// for a line. Only a line of a single character may be wider. `size`: line height, pixels.
 pub fn wrap(text: &str, size: f32, widest: usize) -> Vec<String> {
     let mut lines = Vec::new();
     for paragraph in text.lines() {

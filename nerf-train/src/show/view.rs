@@ -1,4 +1,4 @@
-//! Outputs of a rendered view, and how they are written.
+//! Outputs of a rendered view (colour, opacity, distances, normals) as pictures and files.
 
 use crate::data::pictures::rgb::{Picture, check_length, write_grey16_png, write_rgba_png};
 use crate::measure::frame::{self, Frame};
@@ -24,7 +24,7 @@ pub enum Output {
     RayDistance,
     /// Distance along the view axis, with a legend.
     ZDepth,
-    /// Distance along the ray at which its opacity crosses 1/2, with a legend.
+    /// Distance along the ray at which the accumulated opacity crosses 1/2, with a legend.
     MedianDistance,
     /// Normals in world space: red, green, blue are (x, y, z) / 2 + 1/2.
     Normals,
@@ -38,7 +38,7 @@ impl Output {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
-    /// Suffix of the output's file name; not used for the first requested output.
+    /// Name of the output, such as `z_depth`: suffix of its file (unless requested first) and title of its legend.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Rgb | Self::All => "rgb",
@@ -66,7 +66,7 @@ pub fn is_exr(path: &Path) -> bool {
 }
 
 /// Writes an output of a frame as PNG, or as EXR if `path` ends in `.exr`. `transparent`: whether colour has alpha.
-/// `range`: colour range of a distance, world units; `None`: chosen for the frame.
+/// `range`: distances at the two ends of the colour map, world units; `None`: chosen for the frame.
 pub fn write_still(
     path: &Path,
     frame: &Frame,
@@ -114,7 +114,7 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
     }
 }
 
-/// RGB picture of an output; `range`: colour range of a distance, world units.
+/// RGB picture of an output. `range`: distances at the two ends of the colour map, as in [`write_still`].
 pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
     let size = (frame.width, frame.height);
     Ok(match output {

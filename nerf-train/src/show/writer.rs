@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 pub struct Writer {
     pub output: Output,
-    /// Colour range of a distance output, world units. If `None`, each picture of a distance gets its own range.
+    /// Distances at the two ends of the colour map, world units. If `None`, each picture gets its own range.
     pub range: Option<(f32, f32)>,
     /// Whether colour is written with alpha; videos never have alpha.
     pub transparent: bool,
@@ -28,8 +28,8 @@ pub enum Sink {
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// Number after the last written frame, if the folder has a file of this number from an earlier run; else `None`.
-    /// Always `None` if several processes share the folder, each with a part of the frames.
+    /// Number of the first frame that an earlier run left in the folder: the number after the last written frame.
+    /// `None` if there is no such file, or if several processes share the folder, each with a part of the frames.
     pub older_from: Option<usize>,
 }
 

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 /// Interval between two checks whether a child has ended.
 const ASK_EVERY: Duration = Duration::from_millis(5);
-/// Time limit for a killed child to end. Only a process that the kernel holds takes longer.
+/// Time limit for a killed child to end. Only a process that is blocked inside the kernel takes longer.
 const KILLED: Duration = Duration::from_secs(1);
 /// Number of bytes written to a child at a time; the time limit of [`Helper::feed`] restarts after each part.
 const PIECE_BYTES: usize = 1 << 16;
@@ -86,7 +86,7 @@ impl Helper {
         self.wait(KILLED)
     }
 
-    /// Writes all of `bytes` to the child's standard input; a child that reads none of it for `patience` is killed.
+    /// Writes `bytes` to the child's standard input, in parts. Kills the child if a part takes longer than `patience`.
     ///
     /// # Errors
     /// [`io::ErrorKind::TimedOut`] if the child was killed, or the system's error if the child no longer reads.
@@ -190,7 +190,7 @@ fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
     }
 }
 
-/// Returns the last four lines with letters or digits, joined into one line.
+/// Returns the last four lines of `bytes` that contain letters or digits, joined; "it said nothing" if none does.
 pub fn last_lines(bytes: &[u8]) -> String {
     const SHOWN_LINES: usize = 4;
     let text = String::from_utf8_lossy(bytes);

@@ -12,7 +12,7 @@ use std::str::FromStr;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
 
-/// Size limit of a scene file, bytes: twice the largest grid tables of the format, 2^27 values in f16.
+/// Size limit of a scene file, bytes: twice the size of the largest grid tables of the format (2^27 f16 values).
 pub const MAX_BLOB_BYTES: u64 = 512 << 20;
 /// Size limit of a JSON file, bytes: some 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
@@ -22,7 +22,7 @@ pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
 /// Size limit of a checkpoint, bytes: more than the largest settings need.
 pub const MAX_CHECKPOINT_BYTES: u64 = 3 << 30;
 
-/// Reading a pipe or device fails if no byte arrives for this time, also before the first byte.
+/// Longest time without a byte from a pipe or device, also before the first byte; after this time, reading fails.
 const MAX_SILENCE: Duration = Duration::from_secs(60);
 const PIECE_BYTES: usize = 1 << 16;
 
@@ -31,8 +31,8 @@ const PIECE_BYTES: usize = 1 << 16;
 /// A pipe or device is read only once: a second read may find no bytes. Reading stops soon after `limit`.
 ///
 /// # Errors
-/// The system's errors. [`io::ErrorKind::FileTooLarge`] states the limit. [`io::ErrorKind::TimedOut`] if a pipe is
-/// silent for a minute. No error names the file: the caller does.
+/// The system's errors. [`io::ErrorKind::FileTooLarge`] states the limit. [`io::ErrorKind::TimedOut`] if a pipe or
+/// device sends nothing for a minute. No error names the file: the caller has to add the name.
 pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() && !metadata.is_dir() {

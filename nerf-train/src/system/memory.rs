@@ -8,13 +8,13 @@ const SHARE: f64 = 0.8;
 /// Free memory assumed if the system does not state it, bytes.
 const UNKNOWN: u64 = 8 << 30;
 
-/// Text of a number of bytes in GB or TB.
+/// Returns a number of bytes as text, in GB or TB.
 fn in_words(bytes: u64) -> String {
     let giga = bytes as f64 / 1e9;
     if giga < 1000.0 { format!("{giga:.1} GB") } else { format!("{:.0} TB", giga / 1000.0) }
 }
 
-/// Fails if `items` of `bytes_each` bytes exceed [`limit`]. `what`: name of the request; `advice`: how to reduce it.
+/// Fails if `items` × `bytes_each` bytes exceed [`limit`]. `what`: name of the request; `advice`: how to reduce it.
 pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> anyhow::Result<()> {
     let (needed, limit) = (items.saturating_mul(bytes_each), limit());
     ensure!(

@@ -105,10 +105,9 @@ pub fn markdown(text: &str) -> String {
     escaped.into_owned()
 }
 
-/// Returns JSON with control and invisible characters escaped, as `\u001b`: safe on a terminal, the same to a parser.
+/// Returns JSON with control and invisible characters escaped (`\u001b`): safe on a terminal, the same to a parser.
 ///
-/// Line ends and tabs stay: outside of strings they are white space, and within strings writers of JSON have already
-/// escaped them.
+/// Line ends and tabs stay: outside of strings they are white space, and inside they are escaped by any JSON writer.
 pub fn json(text: &str) -> Cow<'_, str> {
     replaced(
         text,

@@ -1,4 +1,4 @@
-//! Progress of long work: a bar on a terminal, plain or JSON lines elsewhere, nothing when quiet.
+//! Display of the progress of long tasks, in one of the styles of [`ProgressStyle`]: a bar, lines or nothing.
 //!
 //! All output goes to stderr, so that stdout stays free for results. A closed stderr is ignored.
 
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 /// Time between two lines of progress, plain or JSON, where no bar is shown.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Number of positions of the bar. The bar shows a fraction of the work, as a time budget has no number of steps.
+/// Position of the bar at the end of the work. The bar counts fractions of the work: a time budget has no step count.
 const BAR_LENGTH: u64 = 10_000;
 /// Time that must elapse before the remaining time is estimated.
 const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
@@ -35,15 +35,15 @@ pub enum ProgressStyle {
     Plain,
     /// Prints one JSON object per line, every five seconds, for another program to read.
     ///
-    /// `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`, where an unknown
-    /// `total` or `left_s` is null. The keys `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note` follow if their
-    /// values are known. The end of a task is `{"event":"done","what":…,"text":…,"elapsed_s":…}`, any other line
-    /// `{"event":"note","text":…}`.
+    /// Progress: `{"event":"progress","what":"render","position":3,"total":60,"elapsed_s":5.2,"left_s":98.8}`. Unknown
+    /// values of `total` and `left_s` are null. The keys `rays_per_s`, `train_psnr_db`, `val_psnr_db` and `note` follow
+    /// if their values are known. The end of a task is `{"event":"done","what":…,"text":…,"elapsed_s":…}`. A line of
+    /// any other kind is `{"event":"note","text":…}`.
     Json,
     Quiet,
 }
 
-/// Figures shown with the position; a figure that is `None` is left out.
+/// Values shown next to the number of steps done; a value that is `None` is left out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Message {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -52,7 +52,7 @@ pub struct Message {
     pub train_psnr_db: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub val_psnr_db: Option<f64>,
-    /// Further text, shown unchanged; may be empty.
+    /// Further text, shown after the values; may be empty.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub note: String,
 }
@@ -89,7 +89,7 @@ impl Event<'_> {
     }
 }
 
-/// Progress display of one task; a drop leaves its last state on the screen.
+/// Progress display of one task. If dropped without [`Self::finish`], leaves the bar on the screen in its last state.
 #[derive(Debug)]
 pub struct Progress {
     what: String,
@@ -135,7 +135,7 @@ impl Progress {
         self
     }
 
-    /// Shows that `position` steps are done. Cheap enough for every step: a bar is redrawn at most 20 times a second.
+    /// Shows that `position` steps are done. Cheap to call in every step: a bar is redrawn at most 20 times a second.
     pub fn update(&mut self, position: u64, message: &Message) {
         let now = Instant::now();
         match &mut self.display {
@@ -161,12 +161,12 @@ impl Progress {
         }
     }
 
-    /// Calls [`update`](Self::update) without figures.
+    /// Calls [`update`](Self::update) with an empty message.
     pub fn reach(&mut self, position: usize) {
         self.update(position as u64, &Message::default());
     }
 
-    /// Prints a separate line above the bar; nothing when quiet.
+    /// Prints a separate line, above the bar if there is one. Prints nothing in quiet mode.
     pub fn println(&self, line: impl AsRef<str>) {
         match &self.display {
             Display::Bar(bar) => bar.suspend(|| print_line(line.as_ref())),
@@ -176,7 +176,7 @@ impl Progress {
         }
     }
 
-    /// Prints a line that must be seen, also when quiet.
+    /// Prints a line, such as a warning, also in quiet mode.
     pub fn warn(&self, line: impl AsRef<str>) {
         match &self.display {
             Display::Quiet => print_line(line.as_ref()),
@@ -184,7 +184,7 @@ impl Progress {
         }
     }
 
-    /// Removes the bar and prints `line` with the time that the work took; nothing when quiet.
+    /// Removes the bar, and prints `line` with the time that the work took. Prints nothing in quiet mode.
     pub fn finish(self, line: impl AsRef<str>) {
         let (line, elapsed) = (line.as_ref(), self.started.elapsed());
         let text = format!("{}: {line} ({})", self.what, in_words(elapsed));
@@ -202,7 +202,7 @@ impl Progress {
         }
     }
 
-    /// Fraction of the work that is done, 0 to 1: of steps or of time, whichever is larger; `None` if unknown.
+    /// Fraction of the work that is done, 0 to 1: the larger of the fractions of steps and of time; `None` if unknown.
     fn share(&self, position: u64, elapsed: Duration) -> Option<f64> {
         let steps = |total: u64| if total == 0 { 1.0 } else { position as f64 / total as f64 };
         let time = |budget: Duration| {
@@ -280,7 +280,7 @@ impl Progress {
     }
 }
 
-/// Figures of a message: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
+/// Text of the values of a message: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
 fn details(message: &Message) -> String {
     let parts = [
         message.rays_per_s.filter(|rate| rate.is_finite()).map(|rate| format!("{} rays/s", scaled(rate))),
@@ -334,7 +334,7 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// Prints lines that belong to no task, in the format of `style`. Callers escape names with [`printable::line`].
+/// Prints lines that belong to no task, in the format of `style`. Callers must escape names with [`printable::line`].
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}
@@ -373,7 +373,7 @@ fn scaled(value: f64) -> String {
     format!("{value:.decimals$}{unit}")
 }
 
-/// Text of a time, as "0:07", "12:41" or "3:05:09".
+/// Text of a duration in minutes and seconds, after hours if there are any: "0:07", "12:41" or "3:05:09".
 fn in_words(time: Duration) -> String {
     let seconds = time.as_secs();
     let (hours, minutes, seconds) = (seconds / 3_600, seconds / 60 % 60, seconds % 60);

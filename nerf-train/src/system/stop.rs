@@ -5,10 +5,10 @@
 //!
 //! - Nothing would be lost: the thread runs the task of the [`Note`], if there is one, ends child processes, removes
 //!   temporary files, prints the note's message, and ends the process with status `128 + signal`.
-//! - A loop saves its work between two steps ([`Claim`]): the thread waits for the loop, which polls [`requested`].
-//!   After dropping its claim, the loop has the time [`LAST_WORD`] to report the save and to end with [`status`].
-//! - A loop with unsaved work is in a long operation ([`Claim::cover`]): the thread writes the files that the loop has
-//!   handed over, and ends the process.
+//! - A loop has unsaved work, which it saves after its current step ([`Claim`]): the thread waits for the loop, which
+//!   polls [`requested`]. After dropping its claim, the loop has the time [`LAST_WORD`] to report the save and to end
+//!   the process with [`status`].
+//! - The loop is in a long operation ([`Claim::cover`]): the thread writes the loop's files and ends the process.
 //!
 //! A further signal changes nothing: a save that the first signal has begun is completed. A signal that the process was
 //! started to ignore, such as SIGHUP under `nohup`, stays ignored.
@@ -34,13 +34,13 @@ const TIDYING: Duration = Duration::from_millis(200);
 /// Time limit for removing temporary files and folders; a folder may hold many files.
 const REMOVING: Duration = Duration::from_millis(600);
 
-/// Number of the first signal; 0 before a signal.
+/// System's number of the first signal received, such as 2 for SIGINT; 0 if no signal was received.
 static SIGNAL: AtomicI32 = AtomicI32::new(0);
 static STATE: Mutex<State> = Mutex::new(State::Nothing);
 static CHANGED: Condvar = Condvar::new();
 static NOTE: Mutex<Option<Words>> = Mutex::new(None);
 
-/// Work that would be lost if the process ended now.
+/// Whether the process has unsaved work, and who saves it on a signal.
 enum State {
     Nothing,
     /// The owner of a [`Claim`], a loop that polls [`requested`], will save the work.
@@ -51,10 +51,10 @@ enum State {
     Answered,
 }
 
-/// Files that the signal thread writes, and message that it prints, if the owner of a [`Claim`] is busy.
+/// Files to write and message to print on a signal, while the owner of a [`Claim`] is in a long operation.
 #[derive(Clone, Debug, Default)]
 pub struct Cover {
-    /// Paths and bytes of files that are not on the disk yet.
+    /// Paths and contents of files that are not on the disk yet.
     pub files: Vec<(PathBuf, Vec<u8>)>,
     /// Message on stderr: what was saved and how to go on.
     pub message: String,
@@ -81,14 +81,14 @@ fn set(new: State) {
 pub struct Claim(());
 
 impl Claim {
-    /// Makes every signal wait for the owner until the claim is dropped.
+    /// Creates a claim. Until the claim is dropped, a signal ends the process only during [`Self::cover`].
     #[allow(clippy::new_without_default, reason = "it is a guard, not a value")]
     pub fn new() -> Self {
         set(State::Claimed);
         Self(())
     }
 
-    /// Runs `work`, which may take long. On a signal meanwhile, the files of `cover` are written and the process ends.
+    /// Runs `work`, which may take long. A signal during `work` writes the files of `cover` and ends the process.
     pub fn cover<T>(&self, cover: Cover, work: impl FnOnce() -> T) -> T {
         set(State::Covered(cover));
         let done = work();
@@ -111,18 +111,18 @@ impl Drop for Claim {
 /// Contents of a [`Note`]: message to print on a signal if no work is claimed, and task to run before printing.
 struct Words {
     message: String,
-    /// Task to run before the message is printed, and its name in the message.
+    /// Name of a task, which is appended to the message, and the task itself, which runs before the message is printed.
     last: Option<(&'static str, LastWork)>,
 }
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Guard with a message that a signal prints instead of "interrupted" if no work is claimed. Only one guard exists.
+/// Guard that sets the message to print on a signal if no work is claimed. At most one exists. Default: "interrupted".
 #[derive(Debug)]
 pub struct Note(());
 
 impl Note {
-    /// Creates the guard. `message`: text that a signal prints.
+    /// Creates the guard. `message`: text to print on a signal.
     pub fn new(message: impl Into<String>) -> Self {
         let note = Self(());
         note.say(message);
@@ -169,7 +169,7 @@ fn noted() -> String {
     format!("{message}; {what} {end}")
 }
 
-/// Writes the files of a cover. Returns the message to print: the cover's, or the first error.
+/// Writes the files of a cover. Returns the message to print: that of the cover or, if a file failed, the first error.
 fn saved(cover: &Cover) -> String {
     // All files are tried, even if one cannot be written.
     let written: Vec<_> = cover.files.iter().map(|(path, bytes)| write_atomic(path, bytes)).collect();
@@ -200,8 +200,8 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     std::process::exit(128 + signal)
 }
 
-/// Blocks until the process ends, if a signal is being handled. Errors of the command are then not reported: the signal
-/// thread may have caused them, by ending a child process or removing a temporary file.
+/// Blocks until the process ends, if the signal thread is about to end it. To be called before an error of the command
+/// is reported: the signal thread may have caused the error, by ending a child process or removing a temporary file.
 pub fn leave_to_signal() {
     while requested() && !matches!(*lock(&STATE), State::Answered) {
         std::thread::park();

@@ -52,7 +52,7 @@ const COARSE_HULL: u16 = 64;
 const NEAR_RADII: f32 = 0.1;
 /// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
-/// Least distance between two cameras that must see a cell for it to be occupied; radii of the uncontracted ball.
+/// A cell is occupied at first only if two cameras at least this far apart see it. Unit: radii of the uncontracted ball.
 const APART_RADII: f32 = 0.05;
 /// Quantile and factor. In an unbounded scene with sparse points, space is taken as empty up to this quantile of the
 /// distances from the cameras to the points in their photographs, times the factor.
@@ -60,7 +60,7 @@ const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
 /// Quantile and factor. If all cameras look nearly the same way, the radius of the uncontracted ball is this quantile
 /// of the distances from the cameras to the points in their photographs, times the factor.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Quantile and factor, as in [`ALL_VIEWS`]: distance at which rays of an unbounded scene with sparse points end.
+/// Quantile and factor, used as in [`ALL_VIEWS`] to find where rays end in an unbounded scene with sparse points.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.
@@ -136,7 +136,7 @@ fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// Bounds found by [`find_box`], and the first occupancy grid; `None` if the settings turn occupancy off.
+/// Bounds found by [`find_box`], and the first occupancy grid, which is `None` if the settings turn occupancy off.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,

@@ -1,6 +1,6 @@
 //! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Runs with the same output use the same file: [`Checkpoint::check_belongs`] refuses a checkpoint of another run.
+//! Runs with the same output path use one checkpoint file: [`Checkpoint::check_belongs`] refuses one of another run.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -155,8 +155,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Settings that must not change when a run is resumed, as JSON (TOML has no u64 for the seed). Values that may differ
-/// are set to 1: the number of steps and, with a learned grid, the number of samples.
+/// Settings that must not change when a run is resumed, as JSON, since TOML has no u64 for the seed. Values that may
+/// change are set to 1: the number of steps and, with a learned grid, the number of samples per ray.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();

@@ -7,9 +7,9 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps in which gains are on trial; then they are kept only if photographs differ enough.
+/// Number of steps for which gains are learned on trial. Then, gains are kept only if the exposures differ enough.
 const TRIAL: u32 = 1_000;
-/// Learning rates of the log gains: in the first [`TRIAL`] steps, and afterwards.
+/// Learning rates of the log gains: first, while the gains are on trial; second, otherwise.
 const RATES: [f32; 2] = [5e-3, 1e-3];
 
 /// Exposure gains of the training photographs, relative to their mean exposure, at which the field is trained.
@@ -28,11 +28,11 @@ pub struct Gains {
 pub struct ExposureFound {
     /// Standard deviation, over the photographs, of the natural logarithm of the gain.
     pub spread: f64,
-    /// Whether the gains were measured at key points; otherwise they were learned in the run's first steps.
+    /// Whether the gains were measured at key points; otherwise they were learned with the field for `TRIAL` steps.
     pub by_tracks: bool,
     /// Whether the run continues with a learned gain for each photograph; otherwise with one exposure for all.
     pub fitted: bool,
-    /// Index and log gain of the view farthest from the mean; `None` if it differs by less than a factor of 2.
+    /// Index and log gain of the photograph with the strongest gain; `None` if this gain is below a factor of 2.
     pub outlier: Option<(u32, f32)>,
 }
 
@@ -63,7 +63,8 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Returns the gains to learn (`None`: one exposure for all) and the finding at key points (`None`: not measured).
+    /// Returns the gains to learn (`None` if all photographs share one exposure), and what key points show about the
+    /// gains (`None` if no gains were measured there).
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,
@@ -98,9 +99,8 @@ impl Gains {
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// Does one Adam step of the log gains. `gradients`: gradients of the loss by the log gains, for each photograph.
-    ///
-    /// Returns the finding after step `TRIAL`, else `None`. If `fitted` is false, the caller must discard the gains.
+    /// Does one Adam step of the log gains. `gradients`: gradient of the loss by each photograph's log gains.
+    /// Returns the finding at a trial's end, else `None`. If its `fitted` is false, the caller must discard the gains.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

@@ -18,7 +18,7 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// How the PSNR stored in a 2D field's blob was measured.
+/// Text, stored in the exported file of a 2D field, that says how the PSNR was measured.
 pub(crate) const MEASURED_ON: &str = "over the whole picture";
 
 const DRAWN: usize = 64;
@@ -65,7 +65,7 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Fills the batch with random pixels, in row-major order for a learned grid: neighbours read adjacent entries.
+    /// Fills the batch with random pixels; for a learned grid, row by row: successive rays then read adjacent entries.
     fn draw(&mut self) {
         let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;

@@ -31,10 +31,10 @@ pub use trainer::{Trainer, candidate};
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
-    /// Number of samples whose density was evaluated; without a learned grid, all are also trained on.
+    /// Number of samples whose density was evaluated; without a learned grid, equal to `samples`.
     pub evaluated: u64,
     pub samples: u64,
-    /// Smoothed number of samples per ray: with a learned grid, those trained on; otherwise all in occupied cells.
+    /// Smoothed number per ray of samples with a backward pass or, without a learned grid, of all in occupied cells.
     live_per_ray: f64,
     /// Smoothed mean squared error of the training rays; NaN before the first step.
     pub mse: f64,
@@ -56,7 +56,7 @@ pub struct CurvePoint {
     pub seconds: f64,
     /// Smoothed PSNR of the training rays, dB.
     pub train_psnr_db: f64,
-    /// Mean PSNR of the validation views measured in this step, dB; `None` if none was measured.
+    /// Mean PSNR, dB, of the validation views measured after this step; `None` if no view was measured.
     pub val_psnr_db: Option<f64>,
     pub val_views: u32,
     /// Spacing of the measured pixels along the rows and columns of a validation view; 1 measures every pixel.

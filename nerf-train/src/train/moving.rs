@@ -1,10 +1,10 @@
 //! Objects that moved while the photographs were taken: found by the field's colour errors, and left out of the loss.
 //!
-//! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors: fine texture that
-//! is hard to fit is too bright in one place and too dark in another, and cancels out. An object that only one
-//! photograph shows has another colour as a whole. Large connected regions of patches with large errors are masked:
-//! their rays have weight 0 in the loss, but are still cast, so that a wrong mask is undone. If the photograph of one
-//! of the two nearest cameras has large errors at the same patches, the field is wrong, and the region is not masked.
+//! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors: errors of fine
+//! texture that is hard to fit have different signs from pixel to pixel, and cancel out. Errors of an object that only
+//! one photograph shows do not. Large connected regions of patches with large errors are masked: rays in masked patches
+//! have weight 0 in the loss, but are still cast, so that a wrong mask can be undone. If the photograph of one of the
+//! two nearest cameras has large errors at the same patches, the field is wrong, and the region is not masked.
 //!
 //! # Source
 //! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place
@@ -23,7 +23,7 @@ use std::ops::Range;
 const EVERY: u32 = 500;
 /// Least number of training photographs with which a run masks moving objects.
 const FEWEST_VIEWS: usize = 8;
-/// Limits on the number of patches: along a photograph's longer side, and in all. More patches get too few rays.
+/// Limits on the number of patches: along a photograph's longer side, and in total. More patches get too few rays each.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
@@ -83,7 +83,7 @@ impl Tiles {
     }
 }
 
-/// Masks of the training photographs, and the errors of their patches since the last update of the masks.
+/// Masks of the training photographs, and the colour errors of all patches since the last update of the masks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Moving {
     tiles: Vec<Tiles>,
@@ -105,7 +105,7 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// Masks the moved object's pixels in `view`, so that scores leave them out, unless no pixel would be left.
+    /// Masks the moved object's pixels in `view`, so that scores ignore them. If no pixel would be left, masks nothing.
     pub fn leave_out_of(&self, view: &mut View) {
         let counts: Vec<bool> =
             self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
@@ -115,7 +115,7 @@ impl Moved {
     }
 }
 
-/// Messages for the user that name the photographs; empty if nothing moved.
+/// Messages for the user that name the photographs in `moved`; empty if `moved` is empty.
 pub fn in_words(moved: &[Moved]) -> Vec<String> {
     let of = |moved: &[&Moved]| match moved {
         [one] => format!("1 photograph ({})", one.name),
@@ -217,8 +217,8 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph: per channel, mean signed error in the 3 × 3 neighbourhood, minus the median
-    /// of these means in the photograph; then root mean square over the channels. `None` with fewer than `KNOWN` rays.
+    /// Error of each patch of a photograph: root mean square, over the channels, of the mean signed error in the 3 × 3
+    /// neighbourhood minus its median over the photograph. `None` if the neighbourhood has fewer than `KNOWN` rays.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {

@@ -12,7 +12,7 @@ use nerf_core::camera::Camera;
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Learned gains, poses and masks of the photographs, and the findings of a run's first steps about them.
+/// Gains, poses and masks learned for the photographs; findings about exposure, poses and withheld photographs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Photographs {
     gains: Option<Gains>,
@@ -64,8 +64,8 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Sets gains and loss weights of a batch's rays. If poses are refined, also requests the rays' loss gradients.
-    /// Returns the refined cameras for the next rays, if they moved. `share`: used fraction of the budget.
+    /// Sets gains and loss weights of the rays of `batch`, and requests the rays' loss gradients if poses are refined.
+    /// Returns refined cameras for the next rays; `None` if no camera moved. `share`: used fraction of the budget.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,
@@ -88,7 +88,7 @@ impl Photographs {
     }
 
     /// Updates gains, poses and masks after `engine` did step `step` on `batch`. Returns true if the refinement of
-    /// poses was given up in this step: rays are then cast from the given poses again.
+    /// poses was given up in this step: the caller must then cast rays from the given poses.
     pub fn learn(
         &mut self,
         engine: &dyn Engine,

@@ -35,11 +35,11 @@ const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
-/// Lever, as a fraction of the cameras' mean distance from the scene's centre. [`hold`] divides translations by the
-/// lever, to weigh translations like rotations. Simulated on the cameras of the scene fox, with rotations
-/// wrong by half a degree to one degree and translations by 1 % of the distance: the common motion that `hold` leaves
-/// moves the image by 0.66 pixels with a factor of 0.5, by 0.74 with 1, and by 0.82 if only rotations count. A lever
-/// proportional to the cameras' distance from their own centre is unstable if cameras are close together.
+/// Length by which [`hold`] divides translations to compare them with rotations, as a fraction of the cameras' mean
+/// distance from the scene's centre. Simulated on the cameras of the scene fox, with rotations wrong by half a degree
+/// to one degree and translations by 1 % of the distance: the common motion that remains after `hold` moves the image
+/// by 0.66 pixels with a fraction of 0.5, by 0.74 with 1, and by 0.82 if only rotations count. A length proportional
+/// to the cameras' distance from their own centre is unstable if cameras are close together.
 const LEVER: f32 = 0.5;
 
 /// Motion of a camera in the axes of the world: rotation vector, radians, then translation, world units.
@@ -49,7 +49,7 @@ type Twist = [f32; 6];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections with which the next rays are cast. Rays are cast one step ahead: the last move may be missing here.
+    /// Corrections of the next rays' cameras. Rays are cast one step ahead: the cameras' last move may be missing.
     cast: Vec<Twist>,
     /// For each camera, the sum of the loss gradients with respect to its pose since the last move.
     sums: Vec<Twist>,
@@ -138,7 +138,7 @@ impl Poses {
         cameras(given, &self.moved)
     }
 
-    /// Makes the next step cast its rays from the present cameras. Returns whether they moved since the last call.
+    /// Makes the next step cast its rays from the present cameras. Returns whether cameras moved since the last call.
     pub fn renew(&mut self) -> bool {
         let moved = self.cast != self.moved;
         self.cast.clone_from(&self.moved);

@@ -138,7 +138,7 @@ impl Withheld {
     }
 }
 
-/// PSNR of a photograph, dB. Its mean error, which depends on exposure, is subtracted first. `None` with too few rays.
+/// PSNR of a photograph, dB, after subtraction of its mean error, which depends on exposure. `None`: too few rays.
 fn psnr_db(&[r, g, b, squares, count]: &[f64; 5]) -> Option<f64> {
     let offset = (r * r + g * g + b * b) / count;
     (count >= KNOWN).then(|| crate::train::psnr_db_of_mse((squares - offset) / (3.0 * count)))

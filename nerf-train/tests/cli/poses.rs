@@ -4,6 +4,7 @@ use crate::made::{Folder, names};
 use crate::stopping::Running;
 use crate::tools;
 use crate::{Ran, command, fails, fit, fit_grid, interruptible, ok, ran};
+use rayon::prelude::*;
 use std::fs;
 use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
@@ -318,10 +319,28 @@ fn the_real_colmap_finds_the_poses_of_twelve_photographs() {
     ok(fit_grid(&folder.path("cup_poses"), &folder.path("cup.nerf"), &["--steps", "2"]));
 }
 
+/// A COLMAP capture with its photographs eight times smaller beside them.
+fn with_images_8(folder: &Folder, capture: &Path) -> String {
+    let copy = PathBuf::from(folder.path("capture"));
+    fs::create_dir_all(copy.join("images_8")).expect("a folder");
+    for name in ["images", "sparse"] {
+        std::os::unix::fs::symlink(capture.join(name), copy.join(name)).expect("a link");
+    }
+    let photographs = names(&capture.join("images"));
+    photographs.par_iter().for_each(|name| {
+        let photograph = image::open(capture.join("images").join(name)).expect("a photograph");
+        let (width, height) = (photograph.width() / 8, photograph.height() / 8);
+        photograph.thumbnail_exact(width, height).save(copy.join("images_8").join(name)).expect("saved");
+    });
+    copy.display().to_string()
+}
+
 #[test]
 fn one_camera_for_one_device_is_kept_beside_the_blob() {
-    let Some(cup) = tools::data("real/cup_colmap") else { return };
-    let (folder, cup) = (Folder::new(), cup.display().to_string());
+    let Some(capture) = tools::data("real/cup_colmap") else { return };
+    // Its photographs are made smaller once, not by each of the eight commands.
+    let folder = Folder::new();
+    let cup = with_images_8(&folder, &capture);
     let fitted = |name: &str, more: &[&str]| {
         let output = folder.path(name);
         let begin = ["fit", &cup, "-o", &output, "--steps", "2", "--downscale", "8", "--restart"];

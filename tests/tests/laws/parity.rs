@@ -11,7 +11,7 @@ use nerf_core::volume::Pixel;
 use nerf_tests::error::worst_of;
 use nerf_tests::scenes::{Recipe, camera, kernels};
 
-const SIDE: u32 = 24;
+const SIDE: u32 = 20;
 /// The cuts a picture is checked under: the default's, none, and ones that drop a lot.
 const CUTS: [(f32, f32); 4] =
     [(Quality::TRANSMITTANCE_CUT, Quality::COLOUR_CUT), (0.0, 0.0), (0.0, 0.05), (0.3, 0.1)];

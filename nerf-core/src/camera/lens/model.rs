@@ -1,4 +1,4 @@
-//! The radial-tangential lens model, its inverse, and the search for folds.
+//! The radial-tangential lens model, its inverse, and tests for folds: past a fold, one point shows two directions.
 
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
@@ -6,9 +6,9 @@ use glam::{Vec2, Vec3};
 /// The lens folds where one of two quantities is at most this: the distortion's slope along a line from the axis, or
 /// the determinant of the distortion's Jacobian. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
-/// Limit, above [`FOLD`], for a minimum of the distortion's slope along a line from the axis. The lens also counts as
-/// folded if the slope has a minimum of at most this. The reason is that a step of Newton's method may jump across the
-/// point of a low minimum (measured: minima up to 0.01).
+/// Limit for a minimum of the distortion's slope along a line from the axis. If the slope has a minimum of at most
+/// this, the lens counts as folded, even if the minimum is above [`FOLD`]: a step of Newton's method may jump across a
+/// low minimum (measured: minima up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -98,7 +98,7 @@ impl Lens {
         }
     }
 
-    /// Whether one of `k3 k4 k5 k6` is not 0. The radial factor then has more terms than `1 + k1 r² + k2 r⁴`.
+    /// Whether at least one of `k3 k4 k5 k6` is not 0. The radial factor then has more terms than `1 + k1 r² + k2 r⁴`.
     fn is_rational(&self) -> bool {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }

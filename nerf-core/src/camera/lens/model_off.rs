@@ -19,7 +19,7 @@ impl Lens {
         true
     }
 
-    /// Returns the direction that [`Lens::straighten`] returns, never `None`: no inverse of a distortion is needed.
+    /// Returns `(xd, yd, 1)`, as [`Lens::straighten`] does. Never `None`, since this build supports no lens distortion.
     #[inline(always)]
     pub(crate) fn invert(&self, xd: f32, yd: f32, _from_axis: bool) -> Option<Vec3> {
         Some(Vec3::new(xd, yd, 1.0))

@@ -23,11 +23,11 @@ pub struct GridCorners<'w> {
     pub x: &'w mut [f32],
 }
 
-/// Computes the indices and the interpolation weights of the entries that
+/// Writes to `corners` the indices and the interpolation weights of the table entries that
 /// [`encode_grid_block`](super::encode_grid_block) reads at `level`. The weights are bit-identical to the weights in
 /// that function.
 ///
-/// `x` and `stride`: as for `encode_grid_block`. Only the box of the `tables` is used.
+/// `x` and `stride`: as for `encode_grid_block`. Of `tables`, only the box is used.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short.

@@ -7,13 +7,13 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 
 /// Encodes a block of samples by a grid.
 ///
-/// `x`: `[inputs][stride]`, in the units of the box of `tables`. `out`: `[levels · features][stride]`. `stride` is a
-/// multiple of [`Isa::columns`], or any number with portable instructions. A position outside of the box is moved onto
-/// the box's surface. A NaN coordinate is replaced by the box's smallest coordinate on that axis.
+/// `x`: `[inputs][stride]`, in the units of the box of `tables`. `out`: `[levels · features][stride]`. `stride`: number
+/// of samples. Unless it is a multiple of [`Isa::columns`], all samples are encoded one by one. A position outside of
+/// the box is moved onto the box's surface. A NaN is replaced by the smallest coordinate of the box on that axis.
 ///
 /// A sample's values do not depend on the other samples of its block. Results are bit-identical whether the same table
 /// values are stored as f16, as f32, or as int8 with scales that are powers of two. All instruction sets find the same
-/// cell for a sample. If a table is too short, the missing values are unspecified.
+/// cell for a sample. If a table is too short, arbitrary numbers are used in place of its missing values.
 ///
 /// # Accuracy
 /// An encoded value differs from the same interpolation in f64 by at most `2^-24 (n (6 cells + 6) + 12)` times the
@@ -40,9 +40,9 @@ pub fn encode_grid_block(
     });
 }
 
-/// Encodes a block of samples as [`encode_grid_block`] does, in builds without vectors, where code size matters more
-/// than speed. Computes one sample and one level at a time, with a run-time number of features. A 2D sample also reads
-/// two rows of corners with weight 0, which leaves the result bit-identical.
+/// Implements [`encode_grid_block`] in builds without vector instructions, where code size matters more than speed:
+/// encodes one sample and one level at a time, with a run-time number of features. A 2D sample also reads two rows of
+/// corners with weight 0, which leaves the result bit-identical.
 pub(super) fn encode_one_by_one(
     grid: &GridEncoding,
     tables: &GridTables<'_>,

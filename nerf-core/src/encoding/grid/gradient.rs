@@ -81,7 +81,7 @@ impl<T: Value> Gradient<'_, T> {
 }
 
 /// Weight of a level in a gradient averaged over a Gaussian of standard deviation `blur`, world units:
-/// `erf(c / (√8 blur))`, where `c` is the level's smallest cell width. The weight is 1 without blur.
+/// `erf(c / (√8 blur))`, where `c` is the level's smallest cell width. The weight is 1 if `blur` is 0.
 #[inline]
 fn damping(level: &GridLevel, tables: &GridTables<'_>, inputs: usize, blur: f32) -> f32 {
     if blur <= 0.0 {

@@ -12,7 +12,7 @@ pub(super) const HASH_Z: u32 = 805_459_861;
 pub struct GridLevel {
     /// Index of the level among the grid's levels, from 0.
     pub index: usize,
-    /// Number of cells along x, y, z; n cells have n + 1 vertices.
+    /// Number of cells along x, y, z. An axis with n cells has n + 1 vertices.
     pub cells: [u32; 3],
     /// Index of the level's first entry among the entries of all levels.
     pub first: usize,

@@ -41,7 +41,7 @@ pub const MAX_GRID_LEVELS: usize = 32;
 pub const MAX_GRID_RESOLUTION: u16 = 16_384;
 /// Maximum of [`GridEncoding::log2_entries`], the binary logarithm of the size of a hash table.
 pub const MAX_LOG2_ENTRIES: u8 = 24;
-/// Maximum number of table values of all levels. As f32 they take half a gibibyte, which a 32-bit host can address.
+/// Maximum total number of table values of a grid. As f32 they take half a gibibyte, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
 /// Evaluates `$body` with `$table` bound to a [`Table`](crate::simd::Table) of `$values`. Compiles `$body` once for
@@ -115,24 +115,24 @@ impl GridEncoding {
         GridLevels::of(self)
     }
 
-    /// Number of entries of all levels.
+    /// Total number of table entries of all levels.
     ///
     /// Correct only for a grid that passes [`Architecture::check`](crate::network::Architecture::check).
     pub fn entries(&self) -> usize {
         self.levels().last().map_or(0, |level| level.first + level.entries)
     }
 
-    /// Number of values of all levels: entries times features.
+    /// Total number of table values of all levels: entries times features.
     pub fn values(&self) -> usize {
         self.entries().saturating_mul(usize::from(self.features))
     }
 
-    /// Number of table entries that one evaluation reads: the corners of a cell at each level.
+    /// Number of table entries that are read to encode one sample: one per corner of a cell at each level.
     pub fn reads(&self) -> usize {
         self.resolutions.len() << self.inputs.min(3)
     }
 
-    /// Number of entries of all levels, computed without overflow even for a grid that was not checked.
+    /// Total number of table entries of all levels, computed without overflow even for a grid that was not checked.
     pub(crate) fn entries_of_any(&self) -> u64 {
         self.resolutions.iter().map(|resolution| level::entries(*resolution, self.log2_entries).0).sum()
     }
@@ -163,13 +163,13 @@ impl GridEncoding {
     /// Backward pass through the encoding of a block of samples, for any function `f` of the encoded values.
     ///
     /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`, set to ∂f/∂x:
-    /// `[inputs][stride]`. `stride` is a multiple of [`Isa::columns`], or any number with portable instructions.
+    /// `[inputs][stride]`. Unless `stride` is a multiple of [`Isa::columns`], all samples are computed one by one.
     ///
     /// The interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell with
     /// the larger index.
     ///
     /// `blur`: standard deviation, world units, of a Gaussian around each sample. The gradient is averaged over this
-    /// Gaussian: a level with cells of width `c` is weighted by `erf(c / (√8 blur))`. With 0 nothing is averaged.
+    /// Gaussian: a level with cells of width `c` is weighted by `erf(c / (√8 blur))`. If `blur` is 0, the weight is 1.
     ///
     /// # Source
     /// Barron et al. 2023 (Zip-NeRF), section 2: down-weighting of levels finer than the sample.
@@ -204,7 +204,7 @@ pub struct GridTables<'a> {
 }
 
 impl<'a> GridTables<'a> {
-    /// The tables of a network without a grid.
+    /// Empty tables, for a network without a grid.
     pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
 
     /// Tables of a grid that spans the scene box `bounds`. If `bounds` is `None`, as in a 2D field, the grid spans 0..1

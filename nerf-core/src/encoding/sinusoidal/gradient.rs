@@ -16,7 +16,7 @@ use core::f32::consts::PI;
 ///
 /// `blur`: standard deviation, world units, of a Gaussian around each sample. The gradient is averaged over this
 /// Gaussian: level `k` is multiplied by `exp(−½ (2^k s blur)²)`. This average is exact only if `f` is linear in the
-/// encoded values. With 0 nothing is averaged.
+/// encoded values. If `blur` is 0, nothing is averaged.
 ///
 /// # Source
 /// Barron et al. 2021 (mip-NeRF), eq. 13: the encoding's mean over a Gaussian.

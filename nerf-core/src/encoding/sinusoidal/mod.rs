@@ -59,10 +59,10 @@ impl SinusoidalEncoding {
     }
 }
 
-/// Encodes a block of samples.
+/// Computes the sinusoidal encoding of a block of samples.
 ///
-/// `x`: `[inputs][stride]`; `out`: `[outputs][stride]`. `stride`, the number of samples, is a multiple of
-/// [`Isa::columns`], or any number with portable instructions.
+/// `x`: `[inputs][stride]`; `out`: `[outputs][stride]`. `stride`: number of samples. Unless it is a multiple of
+/// [`Isa::columns`], all samples are encoded one by one.
 ///
 /// # Accuracy
 /// With [`MathBackend::Polynomial`], absolute error of at most 1.2e-7 at every level. If `s = π`, `2^k x` is exact and

@@ -5,7 +5,7 @@
 //! | [`Jitter`] | `jitter` | a hash for each bin that is tested for occupancy |
 //! | anti-aliasing | `anti-aliasing` | several rays a pixel, and memory for the sums of a tile's pixels |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
-//! | [`Tone`] | `tone-map` | 3 powers `x^p` per ray and 3 per pixel; linear output: 3 per ray, 3 per coloured sample |
+//! | [`Tone`] | `tone-map` | 3 powers `x^p` a ray and 3 a pixel; with linear output, 3 a ray and 3 a coloured sample |
 //!
 //! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame in
 //! [`crate::render`], except [`Jitter`], which is in [`crate::sampling`]. In a build without an effect's feature, a
@@ -31,7 +31,7 @@ pub struct Effects {
     pub tone: Tone,
 }
 
-/// Samples at random positions in their bins: noise replaces banding, and the optical thickness is right on average.
+/// Random positions of samples in their bins. Noise replaces banding, and the optical thickness is right on average.
 ///
 /// The density at a random sample is used for the sample's whole bin. The mean of the optical thickness over all
 /// random positions therefore equals the integral of the density.
@@ -55,7 +55,7 @@ pub struct ThinLens {
 }
 
 impl ThinLens {
-    /// Least distance of the plane of focus, world units.
+    /// Least distance from the camera's centre to the plane of focus, world units.
     pub const NEAREST: f32 = 1e-6;
     /// Largest aperture radius and largest focus distance, world units.
     pub const LARGEST: f32 = 1e9;
@@ -84,7 +84,7 @@ impl Tone {
 }
 
 names! {
-    /// A tone curve from `[0, ∞)` to `[0, 1]`, applied to each channel of linear light.
+    /// A tone curve, applied to each channel of linear light. All curves except `None` map `[0, ∞)` to `[0, 1]`.
     #[derive(Default)]
     #[non_exhaustive]
     pub enum ToneMap {
@@ -148,7 +148,7 @@ impl Effects {
 }
 
 errors! {
-    /// An effect that is out of range or not in this build.
+    /// An effect with a setting that is out of range, or an effect that is not in this build.
     EffectError:
     /// A number of rays a pixel outside 1 to [`Effects::MAX_RAYS`].
     AntiAliasing { found: u16 } =>
@@ -161,7 +161,7 @@ errors! {
     Focus { found: f32 } =>
         "effects.depth_of_field.focus_distance: expected {nearest} to {largest} world units, found {found}",
         nearest = ThinLens::NEAREST, largest = ThinLens::LARGEST;
-    /// An exposure of more than [`Tone::MAX_STOPS`] up or down.
+    /// An exposure whose absolute value is above [`Tone::MAX_STOPS`], or NaN.
     Exposure { found: f32 } =>
         "effects.tone.exposure: expected -{most} to {most} stops, found {found}", most = Tone::MAX_STOPS;
     NotBuilt { feature: &'static str } =>

@@ -60,7 +60,8 @@ enum Known {
     Sample,
 }
 
-/// A ray in world space. The ray's start: point at distance `pixel.start`, the smallest [`Span::start`] of all fields.
+/// A ray in world space. "The ray's start" is the point at distance `pixel.start` along the ray: the smallest
+/// [`Span::start`] of all fields, converted to world units.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
@@ -77,7 +78,7 @@ impl WorldRay {
 /// State and memory for rendering several fields in one frame.
 pub(in crate::render) struct Merge<'f, 'w> {
     instances: &'f [Instance<'f>],
-    /// Index of the current ray within its pixel. All pixels of the tile render their rays of this index together.
+    /// Index, among a pixel's rays, of the ray that is rendered now; the same for all pixels of the tile.
     turn: u32,
     /// State of each ray in the coordinates of each field: `[instances][rays]`.
     rays: &'w mut [RayState],
@@ -85,16 +86,15 @@ pub(in crate::render) struct Merge<'f, 'w> {
     parts: &'w mut [Part],
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// Contribution of each ray's direction to the colour branch ([`DirectionShares`]): for each instance in turn,
+    /// Contribution of each ray's direction to the colour branch ([`DirectionShares`]): for each instance, one table
     /// `[rays][direction_rows]`. Instances may differ in `direction_rows`.
     shares: &'w mut [f32],
     deferred: Deferred<'w>,
     /// Buffers of a block of samples, large enough for the network of any instance.
     density: Density<'w>,
-    /// Ray index of each sample of a block whose colour or gradient is evaluated: `[samples]`.
+    /// Ray indices of those samples of a block for which colour or gradient is evaluated: `[samples]`.
     picked: &'w mut [u32],
-    /// Buffer with two uses, `[3][samples]`: holds the directions of a block of rays, and later the colours of a block
-    /// of samples.
+    /// Buffer `[3][samples]`: holds the directions of a block of rays, and later the colours of a block of samples.
     rgb: &'w mut [f32],
     gradients: Gradients<'w>,
 }
@@ -133,8 +133,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Returns a function of the camera's position: the distance output for pixels without a surface, world units. This
-    /// is the largest [`Plan::far_from`] of all fields.
+    /// Returns a function that maps the camera's position to the distance, world units, of pixels without a surface:
+    /// the largest [`Plan::far_from`] of all fields, converted to world units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -144,8 +144,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders one ray of each pixel of the tile: the ray of index `pixels.turn`. With `COLLIDE`, a ray ends at a
-    /// random point of collision, where its optical thickness reaches [`RaySource::until`].
+    /// Renders one ray of each pixel of the tile: the ray of index `pixels.turn`. If `COLLIDE` is true, a ray ends at a
+    /// random collision: where the optical thickness along the ray reaches [`RaySource::until`].
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -183,7 +183,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Starts ray `i` of the tile, through pixel `(x, y)`, and marches it to the first occupied bin of each field.
+    /// Starts ray `i` of the tile, through pixel `(x, y)`, and marches the ray to each field's first occupied bin.
     fn start<const COLLIDE: bool>(&mut self, (x, y): (u32, u32), i: usize, source: &impl RaySource) {
         let (capacity, ray) = (self.world.len(), source.ray(x, y));
         let range = source.range(x, y, &ray);
@@ -282,7 +282,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         any
     }
 
-    /// Evaluates field `member` at the `n` samples in `self.density`. Each sample lies on a different ray.
+    /// Evaluates field `member` at `n` samples of different rays (in `self.density`); stores the results in `parts`.
     fn ask<const COLLIDE: bool>(&mut self, member: usize, n: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let (field, first, density) = (it.field(), member * self.world.len(), &mut self.density);
@@ -455,8 +455,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Computes density and colour of all fields together at `points`, pairs of position and direction. Requires at
-    /// most one block of points, and zeros in `sigma` and `rgb`, to which the fields' values are added.
+    /// Computes the sum of the fields' densities, and the mean colour weighted by density, at `points`: pairs of
+    /// position and direction, at most as many as one block holds. `sigma` and `rgb` must hold zeros.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,

@@ -31,8 +31,8 @@ impl<'a> Instance<'a> {
     }
 }
 
-/// Checks that the instances have the same outputs, effects and batch size and can be rendered together. Returns the
-/// last instance. The error names the first instance that does not fit, or says that the list is empty.
+/// Checks that the instances can be rendered together; for example, outputs, effects and batch size must be equal.
+/// Returns the last instance. The error names the first instance that does not fit, or says that the list is empty.
 pub(super) fn check<'i, 'f>(instances: &'i [Instance<'f>]) -> Result<&'i Instance<'f>, RenderError> {
     let last = instances.last().ok_or(RenderError::NoInstances)?;
     for (index, Instance { renderer, plan, .. }) in instances.iter().enumerate() {

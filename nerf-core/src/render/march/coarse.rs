@@ -13,8 +13,8 @@ mod tests;
 
 /// Size of [`CoarseOccupancy::bits`], bytes; 0 in builds without SIMD vectors.
 const BYTES: usize = if VECTORS { 4096 } else { 0 };
-/// Least number of cells along each side of a block. Blocks of a large grid have more cells, so that the bits of all
-/// blocks fit in [`BYTES`].
+/// Least number of cells of the occupancy grid along each side of a block. The blocks of a large grid have more cells,
+/// so that the bits of all blocks fit in [`BYTES`].
 const SIDE: u16 = 4;
 /// Upper bound of the distance by which rounding moves a looked-up point, in cells of the occupancy grid.
 const SLACK: f32 = 0.5;
@@ -100,8 +100,8 @@ pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
     /// A box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// Half the side of the cube, around a looked-up point, that one lookup covers; world units. If the bit of the
-    /// point's block is 0, all cells in the cube are empty.
+    /// Half the side, world units, of the cube covered by a lookup; the looked-up point is the cube's centre. If
+    /// the bit of the point's block is 0, all cells in the cube are empty.
     reach: f32,
 }
 
@@ -109,9 +109,9 @@ impl Packets<'_> {
     /// Returns the intervals of distance along `rays` in which occupied cells may lie. Returns `None` if all cells
     /// along the rays are empty.
     ///
-    /// Looks up [`INTERVALS`] points on the mean ray. One lookup covers one interval of all rays. Returns
-    /// [`Intervals::ALL`] if the rays are too far apart or an interval is too long to be covered, or if rounding errors
-    /// are too large.
+    /// Looks up [`INTERVALS`] points of the mean ray in the coarse grid. One lookup covers one interval of all rays.
+    /// Returns [`Intervals::ALL`] if the rays are too far apart or an interval is too long for one lookup, or if
+    /// rounding errors are too large.
     pub fn intervals_of(&self, isa: Isa, rays: &[Ray]) -> Option<Intervals> {
         let share = 1.0 / rays.len() as f32;
         let (mut origin, mut dir) = (Vec3::ZERO, Vec3::ZERO);
@@ -221,7 +221,7 @@ const INTERVALS: u32 = 64;
 /// intervals are treated as possibly occupied.
 const MOST_ROUNDING: f32 = 0.25;
 
-/// Vector loop: looks up [`INTERVALS`] intervals of `ray`. Bit `i` of the output: whether interval `i` may be occupied.
+/// Lookup of [`INTERVALS`] intervals of `ray` in the coarse grid. Output bit `i`: whether interval `i` may be occupied.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,

@@ -48,8 +48,8 @@ impl RayState {
         kept: 0,
     };
 
-    /// Returns a state that stores a query of the field at one point. `origin`: the point, in the network's space.
-    /// `dir`: view direction. `index`: index of the query, stored as the pixel's x.
+    /// Returns a state that holds one point at which the field is evaluated, instead of a ray. `origin`: the point, in
+    /// the network's space. `dir`: view direction. `index`: index of the point in its list, stored as `pixel.x`.
     pub fn of_point(origin: Vec3, dir: Vec3, index: usize) -> Self {
         Self { pixel: PixelRay { ray: Ray { origin, dir }, x: index as u32, ..PixelRay::NONE }, ..Self::NONE }
     }
@@ -187,7 +187,7 @@ impl Rows<'_> {
 }
 
 impl<'w> ProposalSamples<'w> {
-    /// Reserves memory for `row` distances on each of `rays` rays and for `samples` indices, one per sample of a block.
+    /// Reserves memory for `rays` rows of `row` values each, and for `samples` indices, one per column of a block.
     /// Reserves nothing if `row` is 0.
     pub fn lay_out(layout: &mut impl Layout<'w>, [rays, samples, row]: [usize; 3]) -> Self {
         Self([(); PROPOSAL_BUILT as usize].map(|()| {
@@ -237,7 +237,7 @@ impl<'w> ProposalSamples<'w> {
         at(rows.of(ray), state.next as usize)
     }
 
-    /// Returns the interval of the sample of `ray` at distance `t`, which is in column `column` of the block.
+    /// Returns the interval of the sample of `ray` in column `column` of the block. `t`: distance of this sample.
     #[inline]
     pub fn interval(
         &self,
@@ -259,7 +259,7 @@ impl<'w> ProposalSamples<'w> {
         SampleInterval { t: t.max(t_min).min(t_max), mid, delta }
     }
 
-    /// Zeroes the rows of the first `rays` rays, before their march through the proposal's bins.
+    /// Zeroes the rows of the first `rays` rays: proposal bins for which no weight is stored later have weight 0.
     pub fn begin(&mut self, rays: usize) {
         self.0.iter_mut().for_each(|rows| head_mut(rows.t, rays * rows.row).fill(0.0));
     }
@@ -279,8 +279,8 @@ impl<'w> ProposalSamples<'w> {
     }
 
     /// Draws the samples of a ray in proportion to the weights of its proposal bins `coarse`. Reads the weights from
-    /// row `from`, writes the samples' distances to row `to` and returns their number. `jitter`: where each sample lies
-    /// within its stratum.
+    /// row `from`, writes the samples' distances to row `to` and returns the number of samples. `jitter`: where each
+    /// sample lies within its stratum.
     ///
     /// Requires `to <= from`. `to` is smaller if the caller has dropped earlier rays without samples in occupied cells.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {

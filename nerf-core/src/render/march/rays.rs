@@ -1,4 +1,4 @@
-//! Ray marching: fills each block with the next occupied samples of the active rays.
+//! Ray marching: fills each block with the active rays' next samples in occupied cells.
 //!
 //! Usually a block holds at most one sample of each ray: the ray's transmittance is then known before its next sample
 //! is evaluated. If fewer rays are active than a vector has lanes, each ray puts several samples into the block, in
@@ -19,7 +19,7 @@ use crate::space::SceneBox;
 use crate::volume::Accumulator;
 
 /// Width and height of a packet of neighbouring rays, pixels. A packet is tested against the coarse occupancy grid as a
-/// whole. In a tile one pixel high, it is a row of the same number of rays. A packet has at most [`MAX_LANES`] rays.
+/// whole and has at most [`MAX_LANES`] rays. In a tile one pixel high, a packet is a row of the same number of rays.
 const PACKET: (u32, u32) = (4, 4);
 
 /// The rays of the current tile that may have a sample in an occupied cell.
@@ -36,7 +36,7 @@ pub(in crate::render) struct Rays<'f, 'w> {
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Index of each ray among the rays of its pixel. A tile holds one ray of each pixel at a time, all of this index.
+    /// Index, among a pixel's rays, of the ray that is rendered now; the same for all pixels of the tile.
     pub turn: u32,
 }
 
@@ -66,7 +66,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Marches one ray of each pixel to its first sample in an occupied cell; finishes the rays without such a sample.
+    /// Marches one ray of each pixel to the ray's first sample in an occupied cell; finishes rays that have none.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -91,7 +91,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of the pixels in `part`, which form a packet.
+    /// Starts the rays of the pixels in `part` as one packet: marches each ray to its first sample in an occupied cell.
     fn start_packet<M: Math, const COLLIDE: bool>(
         &mut self,
         packets: &Packets<'_>,
@@ -146,8 +146,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         self.hits = hits;
     }
 
-    /// Starts the ray of a pixel: marches it to its first sample in an occupied cell and appends it to `states`. If
-    /// there is no such sample, the ray's result is added to its pixel at once.
+    /// Starts the ray of a pixel: marches the ray to its first sample in an occupied cell and appends the ray to
+    /// `states`. If there is no such sample, adds the ray's result to the pixel at once.
     #[inline(never)]
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -205,9 +205,9 @@ impl<'f, 'w> Rays<'f, 'w> {
     /// Fills a block with at most `room` samples of the active rays and returns the number of samples. Passes the
     /// column, ray index and distance of each sample to `put`.
     ///
-    /// Usually each ray contributes one sample. If fewer rays are active than a vector has lanes, each contributes
-    /// several. If samples cannot end a ray (no transmittance threshold, no collisions), each contributes all its
-    /// samples.
+    /// Usually each ray contributes one sample. If fewer rays are active than a vector has lanes, each ray contributes
+    /// several. If samples cannot end a ray (no transmittance threshold, no collisions), each ray contributes all its
+    /// remaining samples, up to the room in the block.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {

@@ -24,8 +24,8 @@ pub(crate) fn area(effects: &Effects, ray: u32) -> u32 {
     }
 }
 
-/// Returns the ray of pixel `(x, y)` through a random point in ring `area` of the aperture ([`area`]). `pinhole`: the
-/// pixel's ray through the aperture's centre; returned unchanged without depth of field.
+/// Returns the ray of pixel `(x, y)` through a random point in the aperture's ring of index `area` (see [`area`]).
+/// `pinhole`: the pixel's ray through the aperture's centre; returned unchanged if `effects` has no depth of field.
 #[inline]
 pub(crate) fn through_lens(
     effects: &Effects,

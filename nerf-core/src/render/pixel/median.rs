@@ -11,7 +11,7 @@ mod tests;
 /// Stored distance of a ray whose transmittance has not yet fallen below one half.
 const NOT_YET: f32 = f32::INFINITY;
 
-/// Median distance of each ray, `[rays]`, world units from where sample distances are 0; empty if not requested.
+/// Median distances, `[rays]`, world units, counted from where sample distances are 0; empty if not requested.
 pub(in crate::render) struct Medians<'w> {
     distance: &'w mut [f32],
 }
@@ -25,7 +25,7 @@ impl<'w> Medians<'w> {
         Self { distance: layout.slice(rays, NOT_YET) }
     }
 
-    /// Resets the median distances of the first `count` rays.
+    /// Sets the median distances of the first `count` rays to [`NOT_YET`].
     pub fn begin(&mut self, count: usize) {
         self.distance.iter_mut().take(count).for_each(|distance| *distance = NOT_YET);
     }

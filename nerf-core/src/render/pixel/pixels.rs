@@ -1,4 +1,4 @@
-//! The pixels of the current tile. A pixel sums its rays' results and is passed to the target after its last ray.
+//! Pixels of the current tile. The results of each pixel's rays become one pixel, which is passed to the target.
 
 use super::anti_aliasing::Sums;
 use super::placed::Placed;
@@ -19,7 +19,7 @@ pub(in crate::render) struct Pixels<'f, 'w> {
     pub tile: Rect,
     /// Whether colour is composited over the plan's background. If `false`, colour is composited over black.
     pub background: bool,
-    /// Axis along which z_depth is measured, in the field's coordinates.
+    /// Axis along which z_depth is measured, in the coordinates of the rays; 0 if the caller gives no axis.
     pub forward: Vec3,
     pub placed: Placed,
     pub counters: Counters,
@@ -39,8 +39,8 @@ impl<'f, 'w> Pixels<'f, 'w> {
         }
     }
 
-    /// Adds a ray's result to its pixel. `hit`: the [`Surface`] of the tile's rays, and the ray's index among these
-    /// rays; `None` if the ray has no samples.
+    /// Adds the result of `ray` to the ray's pixel. `hit`: median distances and normals of the tile's rays, with the
+    /// index of `ray` among these rays; `None` if the ray has no samples.
     #[inline(never)]
     pub fn finish<M: Math>(
         &mut self,

@@ -4,7 +4,7 @@ use crate::camera::{Camera, Ray};
 use crate::space::Placement;
 use glam::Vec3;
 
-/// Placement of the field in the world; `None` if the field is not placed or is scaled, or if there are several.
+/// Placement of the frame's field; `None` for the identity, for a scaled field, and for several fields.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Placed(pub Option<Placement>);
 

@@ -1,4 +1,4 @@
-//! In place of `placed.rs` in a build without the feature `instances`: fields are not placed.
+//! Replaces `placed.rs` in a build without the feature `instances`: the field's coordinates equal the world's.
 
 use crate::camera::{Camera, Ray};
 use glam::Vec3;

@@ -14,8 +14,8 @@ use glam::Vec3;
 /// for a pixel without a surface.
 pub(in crate::render) trait RaySource {
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The camera, and the position of the ray in every pixel: distances from the left and the upper edge, in pixels.
-    /// `None` if the source is not a camera, or if the camera has a lens other than [`Lens::NONE`] or depth of field.
+    /// The camera, and the ray's position in every pixel: distances from the pixel's left and upper edge, in pixels.
+    /// `None` if the source is no camera, or if the camera has depth of field or a lens other than [`Lens::NONE`].
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
@@ -32,8 +32,8 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance, world units, that is output for a pixel without a surface; may exceed the ray's farthest visible
-    /// distance. `x`: column of the pixel, from which [`OwnRays`] finds the pixel's ray.
+    /// Distance, world units, that is output for a pixel without a surface, unless the ray's farthest visible distance
+    /// is smaller. `x`: column of the pixel, from which [`OwnRays`] finds the pixel's ray.
     fn far(&self, x: u32) -> f32;
     /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {
@@ -41,11 +41,11 @@ pub(in crate::render) trait RaySource {
     }
 }
 
-/// Camera as a source of one ray per pixel. For several rays per pixel, there is one source for each ray index.
+/// Source of a camera's rays, one per pixel. If pixels have several rays, there is one source for each ray index.
 pub(in crate::render) struct CameraRays<'a, L> {
     camera: &'a Camera,
     effects: &'a Effects,
-    /// Position of the ray in every pixel: distances from the left and the upper edge, in pixels, between 0 and 1.
+    /// Position of the ray in every pixel: distances from the pixel's left and upper edge, in pixels, between 0 and 1.
     offset: (f32, f32),
     /// Index of the ring of the aperture through which the rays pass. The aperture is divided into rings of equal area,
     /// one for each ray of a pixel.
@@ -123,12 +123,12 @@ impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySou
 /// A ray given by the caller, with its nearest and farthest visible distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaySegment {
-    /// Ray with a finite origin and a direction of unit length.
+    /// The ray; the origin must be finite, and the direction must have unit length.
     pub ray: Ray,
-    /// Nearest visible distance, world units along the ray; finite and at least 0.
+    /// Nearest visible distance, world units along the ray; must be finite and at least 0.
     pub t_min: f32,
-    /// Farthest visible distance, world units along the ray, at least `t_min`; may be infinite. The sampling interval
-    /// (bin) that contains `t_max` is shortened to end there, so that opacity is continuous in `t_max`.
+    /// Farthest visible distance, world units along the ray; must be at least `t_min`, may be infinite. The sampling
+    /// interval (bin) that contains `t_max` is shortened to end there, so that opacity is continuous in `t_max`.
     pub t_max: f32,
 }
 

@@ -1,8 +1,8 @@
 //! Conversion of display-encoded colour to linear light and back. Exposure and tone curve are applied in linear light.
 //!
-//! For linear output, the background and the colours of samples are decoded before compositing; with deferred shading,
-//! the background and the colours of rays are decoded. If the output is not linear, display-encoded colours are
-//! composited, as in training, and the colour of each ray is then decoded. [`Tone::NONE`] converts nothing.
+//! For linear output, the background and the colours of samples (with deferred shading: of rays) are decoded before
+//! they are composited. If the output is not linear, display-encoded colours are composited, as in training, and the
+//! colour of each ray is then decoded. With [`Tone::NONE`], no colour is converted.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};
@@ -19,7 +19,7 @@ pub(crate) fn samples_to_light(tone: &Tone, math: MathBackend, isa: Isa, values:
     }
 }
 
-/// Returns the background `rgb` in the encoding of sample colours: linear light if the output is linear.
+/// Returns the background `rgb` in the encoding of sample colours: linear light if the output is linear, else `rgb`.
 #[inline]
 pub(crate) fn background<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if tone.linear { decode_srgb::<M>(rgb) } else { rgb }

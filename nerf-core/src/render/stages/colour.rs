@@ -12,15 +12,15 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Fraction of a block, as (numerator, denominator). If the picked samples fill less than this, they are queued;
-/// otherwise their colours are evaluated at once.
+/// Fraction of a block, as (numerator, denominator). If a block's picked samples fill less than this, they are queued;
+/// otherwise their colours are evaluated immediately.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
 /// Stage that evaluates the colour branch at samples; has no buffers if shading is deferred or no colour is requested.
 pub(in crate::render) struct Colour<'w> {
     shares: &'w mut [f32],
-    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`; the colour branch overwrites them. If
-    /// a block holds only one sample, nothing is queued: `h`, `owner` and `weight` are then empty.
+    /// Trunk outputs `h` of the queued samples, `[activation_rows][samples]`; the colour branch overwrites them. If a
+    /// block has room for only one sample, nothing is queued: `h`, `owner` and `weight` are then empty.
     h: &'w mut [f32],
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
@@ -88,8 +88,8 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Evaluates the colour branch for the queued samples and empties the queue; leaves the current block's `h`
-    /// unchanged.
+    /// Empties the queue: evaluates the colour branch for the queued samples and adds each sample's colour to its ray.
+    /// Leaves the current block's `h` unchanged.
     pub fn flush(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {

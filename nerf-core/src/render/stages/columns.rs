@@ -1,8 +1,8 @@
 //! Ray marching with deferred shading, one ray per column of a block: vector instructions march one ray per SIMD lane.
 //!
-//! The results are bit-identical to those of `compositing`. A column holds the same ray from its first sample to its
-//! last; then the next active ray replaces it. When fewer rays are left than a vector has lanes, `compositing` takes
-//! over.
+//! A column holds a ray from the ray's first sample to its last; then the next active ray takes the column. When fewer
+//! rays are left than a vector has lanes, the module `compositing` marches the rest. The results are bit-identical to
+//! those of `compositing` alone.
 
 use super::TileState;
 use super::per_ray::Deferred;
@@ -18,8 +18,8 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Columns`], not counting `sums`, whose number of rows depends on the network. Each row has one
-/// value per ray. Terms: origin, direction, position, interval, least distance, cuts of bins, compositing state.
+/// Number of rows of [`Columns`] without `sums`, whose number of rows depends on the network. Each row has one value
+/// per ray. Terms of the sum: origin, direction, position, interval, least distance, bin cuts, compositing state.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
 /// Whether all samples lie in the middle of their bins, and the bins are in world units.
@@ -157,7 +157,7 @@ impl<'a> Columns<'a> {
         true
     }
 
-    /// Writes the composited values of column `at` back to its ray: the sums of `h` to `deferred`, all others to `ray`.
+    /// Copies the results of column `at` to the column's ray: `self.sums` to `deferred`, compositing state to `ray`.
     #[inline]
     fn end(&self, ray: &mut RayState, deferred: &mut Deferred<'_>, at: usize) {
         ray.pixel.gathered.take_column(self.gathered, at);
@@ -180,9 +180,9 @@ impl<'a> Columns<'a> {
         copy(self.sums);
     }
 
-    /// Marches the ray of each of the first `n` columns to its next occupied sample. If a ray ends, the next active ray
-    /// takes its column. If no ray is active, the last column is moved into this column, so that the columns in use are
-    /// always the first ones. Returns the number of columns in use; each column in use has a sample.
+    /// Marches the ray of each of the first `n` columns to its next sample in an occupied cell. If a ray ends, the next
+    /// active ray takes the column. If no ray is active, the last column is moved into the free column, so that the
+    /// columns in use are always the first ones. Returns the number of columns in use; each of these has a sample.
     fn advance(&mut self, rays: &mut Rays<'_, '_>, deferred: &mut Deferred<'_>, mut n: usize) -> usize {
         let (mut waiting, mut waits) = ([0; BLOCK], 0);
         let (mut marching, mut marches) = ([0; BLOCK], 0);

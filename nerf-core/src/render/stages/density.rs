@@ -16,7 +16,7 @@ pub(in crate::render) struct Density<'w> {
     /// the ray, which [`Contraction::distance`](crate::space::Contraction::distance) converts to a distance.
     pub t: &'w mut [f32],
     pub sigma: &'w mut [f32],
-    /// Positions of the samples in the network's space, `[3][stride]`.
+    /// Positions of the samples in the network's space (contracted in an unbounded scene), `[3][stride]`.
     pub positions: &'w mut [f32],
     /// Buffers of the network's layers; `stride` is the number of columns of the current block.
     pub scratch: Scratch<'w>,

@@ -24,12 +24,12 @@ mod tests;
 /// effect here, so that a change of that setting does not move samples.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
-/// Proposal network of a scene; empty if the scene or the build has none.
+/// Proposal network of a scene; empty if the scene has none, or in a build without the feature `proposal`.
 #[derive(Clone, Debug)]
 pub(in crate::render) struct Proposer<'a>([Option<Network<'a>>; PROPOSAL_BUILT as usize]);
 
 impl<'a> Proposer<'a> {
-    /// Number of values that [`Proposer::unpack`] writes: the parameters of the proposal network, or 0 without one.
+    /// Number of values that [`Proposer::unpack`] writes: parameters of the proposal network, 0 if there is no network.
     pub fn parameters(blob: &Blob<'_>) -> usize {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
@@ -78,7 +78,7 @@ impl<'a> Proposer<'a> {
 
 /// Evaluates the proposal network along the tile's rays, and draws each ray's samples from the compositing weights.
 ///
-/// A ray without a sample in an occupied cell is added to its pixel at once. The others move to the start of `rays`.
+/// A ray without a sample in an occupied cell is added to its pixel; other rays move to the start of `rays.states`.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
     TileState { field, rays, density, .. }: &mut TileState<'_, '_>,

@@ -86,7 +86,7 @@ impl Contraction {
         self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
     }
 
-    /// Whether the part `from..=to` of a ray lies in the inner ball; may be `false` close to the ball's boundary.
+    /// Whether the part `from..=to` of a ray lies in the inner ball; may wrongly be `false` close to the boundary.
     /// `ray`: from [`Contraction::centred`]; `from` and `to`: positions `s` ([`Contraction::distance`]).
     #[inline]
     pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
@@ -157,12 +157,12 @@ impl Contraction {
     }
 
     /// Converts `s`, a position along a ray, to a distance in world units. Bins of an unbounded scene have equal widths
-    /// in `s`. Position and distance are 0 at the ray's point nearest to the centre. With power `p` the distance is `s`
-    /// radii if `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign of `s`.
+    /// in `s`. Position and distance are 0 at the origin that [`Contraction::centred`] gives the ray. The distance is
+    /// `s` radii if `|s| <= 1`, else `(1 − (|s| − 1)/p)^−p` radii with the sign of `s`; `p`: [`Contraction::power`].
     ///
-    /// Bins outside the inner ball have equal widths in disparity (1 / distance) with power 1, and nearly equal widths
-    /// in the logarithm of distance with larger powers. With power 1, bins on a ray through the centre also have equal
-    /// widths in contracted space.
+    /// If `p` is 1, bins outside the inner ball have equal widths in disparity (1 / distance), and all bins on a ray
+    /// through the centre have equal widths in contracted space. If `p` is larger, bins outside the inner ball have
+    /// nearly equal widths in the logarithm of distance.
     ///
     /// # Source
     /// Barron et al. 2025, power ladder; deviation: linear up to 1, and extended to negative `s`.

@@ -8,7 +8,8 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// An axis-aligned box in world space; outside of it density is zero and the network is never evaluated.
+/// An axis-aligned box, such as the scene box. Outside the scene box density is zero and the network is never
+/// evaluated, unless the scene has a contraction, which maps all of space into the box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneBox {
     /// Smallest corner, world units.
@@ -38,12 +39,11 @@ impl SceneBox {
 
     /// Clips the ray: returns the part of `[near, far]` inside the box, or `None` if no part is inside.
     ///
-    /// A slab is the space between two opposite faces. A ray parallel to a slab is tested separately, without division
-    /// by 0: either all points of the ray are inside the slab or none. A ray on a face is inside. Also returns `None`
-    /// if the ray contains a NaN or an infinity, or if the range `[near, far]` is empty or contains a NaN.
+    /// A slab is the space between two opposite faces. A ray on a face is inside. Also returns `None` if the ray
+    /// contains a NaN or an infinity, or if the range `[near, far]` is empty or contains a NaN.
     ///
     /// # Source
-    /// Kay and Kajiya 1986; deviation: slabs parallel to the ray are tested separately.
+    /// Kay and Kajiya 1986; deviation: slabs parallel to the ray are tested separately, without division by 0.
     pub fn clip(&self, ray: &Ray, near: f32, far: f32) -> Option<(f32, f32)> {
         // The comparisons below would ignore a NaN on one axis and clip the ray by the other axes.
         let ordered = near <= far;
@@ -95,7 +95,7 @@ impl SceneBox {
 }
 
 errors! {
-    /// Invalid bounds of a scene.
+    /// Reason why a scene's bounds are invalid: its box, or its near and far distances.
     BoundsError:
     Box { min: [f32; 3], max: [f32; 3] } =>
         "scene box: expected finite min < max on every axis, found {min:?} .. {max:?}";

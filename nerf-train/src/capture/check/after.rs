@@ -6,11 +6,11 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// Limits, dB and median absolute deviations: a PSNR is far below the median if it is lower by more than both limits.
+/// A PSNR is far below the median if it is lower by more than `.0` dB and by more than `.1` median absolute deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
 /// Poses of the worst group are doubtful if its mean PSNR is at least this far below that of the best group, dB.
 const DIFFERENT_DB: f64 = 3.0;
-/// Without point tracks, photographs are reported as contradicting if the median training PSNR is below this, dB.
+/// Without point tracks, photographs are reported as contradicting each other if their median PSNR is below this, dB.
 const LOW_DB: f64 = 22.0;
 /// Minimum number of training steps before [`LOW_DB`] applies: the PSNR of a shorter fit may still be low.
 const A_WHILE: u32 = 2000;
@@ -19,8 +19,8 @@ const A_WHILE: u32 = 2000;
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
-    /// Groups of the diagnosis, with their mean PSNR. Without groups: runs (consecutive photographs between two jumps
-    /// of the viewing direction) if the data have no point tracks, otherwise empty.
+    /// Groups of the diagnosis, each with its mean PSNR. If the diagnosis has no groups and the data have no point
+    /// tracks: runs of consecutive photographs, split where the viewing direction jumps.
     pub train_groups: Vec<Group>,
     /// Names of the photographs whose PSNR is far below the median of all training photographs (`FAR_WORSE`).
     pub train_far_worse: Vec<String>,

@@ -14,13 +14,13 @@ use std::collections::BTreeSet;
 
 /// Contradicting photographs are left out of training only if the capture has at least this number of photographs.
 const ENOUGH: usize = 10;
-/// A pose is wrong if at least `.0` key points contradict it, more than `.1` times the number of agreeing key points.
+/// A pose is wrong if at least `.0` key points contradict it, and more than `.1` times as many as agree with it.
 const MISPLACED: (usize, usize) = (10, 2);
 /// A sector without photographs is reported if it spans at least this, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;
 /// Maximum number of names, or ranges of names, in a list; of further photographs, only the number is given.
 const LISTED: usize = 6;
-/// A bridge is reported if its removal would cut off at least this number of photographs.
+/// The only link between two parts of the capture is reported if each part has at least this number of photographs.
 const HANGING: usize = 3;
 
 /// Reason why the photographs fall into groups: a folded reconstruction (two sides of the scene are superimposed),
@@ -137,7 +137,7 @@ impl<'v> Found<'v> {
         &self.views[view].name
     }
 
-    /// Returns the photographs that are blurred compared with the nearest photographs.
+    /// Returns the photographs that are much less sharp than the photographs taken nearest to them.
     pub fn blurred(&self) -> Vec<usize> {
         (0..self.views.len()).filter(|&view| is_blurred(self.sharpness[view])).collect()
     }

@@ -15,7 +15,7 @@ const NEIGHBOURS: usize = 6;
 const BLURRED: f32 = 0.3;
 /// Side of the thumbnails that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Thumbnails are duplicates if their mean absolute difference is at most this fraction of their standard deviation.
+/// Two thumbnails are duplicates if the mean |difference| is at most this fraction of the lower standard deviation.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {
@@ -78,7 +78,7 @@ impl Grey {
         steps.map(at).collect()
     }
 
-    /// Sharpness: variance of the Laplacian, grey levels squared.
+    /// Returns the sharpness: the variance of the Laplacian, in squared grey levels.
     fn sharpness(&self) -> f32 {
         let (mut sum, mut squares, mut count) = (0.0f64, 0.0f64, 0u32);
         for y in 1..self.height.saturating_sub(1) {

@@ -10,7 +10,7 @@ const UNDECIDED: f32 = 0.35;
 const FEW: usize = 10;
 /// Minimum number of contradicting pairs for which a photograph is left out, or for which two groups stay separate.
 const CERTAIN: usize = 3;
-/// Contradicting photographs form a group of their own if at least this fraction of all compared pairs contradict.
+/// More than [`few`] contradicting photographs form a group if at least this fraction of all pairs is contradicting.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.
@@ -57,9 +57,9 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Returns the labels of the rejected clusters: small ones ([`FEW`]) with more contradicting than agreeing pairs. The
-/// cluster with the largest fraction of contradicting pairs is rejected first, and its pairs are ignored from then on.
-/// Small clusters with contradicting pairs and no agreeing pair are rejected even if all their pairs are ignored.
+/// Returns the labels of the rejected clusters. First rejects small clusters ([`FEW`]) with more contradicting than
+/// agreeing pairs, one at a time, largest fraction of contradicting pairs first. Pairs of a rejected cluster no longer
+/// count. Then, by all pairs, rejects each small cluster that has contradicting pairs and no agreeing pair.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -127,9 +127,9 @@ impl Groups {
 
     /// Returns the final groups and the outliers. `group`: index of each photograph's group, below `groups`; `None` if
     /// the photograph is in `contradict` or in no pair. A photograph in no pair joins the previous photograph's group.
-    /// `contradict`: photographs of rejected clusters. If there are many ([`FEW`], [`TORN`]), they form a last group.
-    /// Otherwise, each of them, like each photograph of a small group after the first, becomes an outlier if at least
-    /// [`CERTAIN`] pairs contradict it, and joins the largest group if not.
+    /// `contradict`: photographs of rejected clusters. If there are many ([`FEW`], [`TORN`]), they form a last group, together with
+    /// the photographs of small groups except the first group. Otherwise, all of these are divided: those with at least
+    /// [`CERTAIN`] contradicting pairs become outliers, and the rest joins the largest group.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,
@@ -156,8 +156,9 @@ impl Groups {
         }
         large.sort_by_key(|group| std::cmp::Reverse(group.len()));
         if many {
-            // The contradicting photographs form the last group, whatever its size. They contradict each other, too.
-            large.push(members(groups));
+            // The contradicting photographs and small groups form the last group, whose photographs may contradict each other.
+            let is_last = |view: &usize| group[*view] == Some(groups) || contradict.contains(view);
+            large.push((0..all).filter(is_last).collect());
         } else {
             let (out, back): (Vec<_>, Vec<_>) = contradict.into_iter().partition(certain);
             outliers.extend(out);

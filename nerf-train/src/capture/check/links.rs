@@ -4,9 +4,9 @@ use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Two photographs are linked if they share at least this number of points, or if their pair agrees.
+/// Two photographs are linked if they share at least this number of points, or if their pair agrees ([`Pair::agrees`]).
 const LINKED: u32 = 15;
-/// Maximum number of photographs that one point links to each other; its further photographs are ignored.
+/// Maximum number of photographs that one point links to each other; further photographs of the point are ignored.
 const MAX_TRACK: usize = 200;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,7 +27,8 @@ struct Search<'l> {
 }
 
 impl Search<'_> {
-    /// Searches from `view`; returns its low-link: the least `reached` of any photograph linked to its subtree.
+    /// Searches from `view`. Returns its low-link: the smallest `reached` in the subtree below `view`, and of all
+    /// photographs linked to this subtree. The link from `view` to `parent` does not count.
     ///
     /// # Source
     /// Tarjan 1974, "A note on finding the bridges of a graph".
@@ -52,7 +53,7 @@ impl Search<'_> {
 }
 
 impl Links {
-    /// Links two photographs if they share at least [`LINKED`] points, or if their pair agrees.
+    /// Links photographs that share at least [`LINKED`] points or form a pair that agrees; finds pieces and bridges.
     pub fn of(sights: &Sights, pairs: &[Pair]) -> Self {
         let mut showing: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
         for (view, sights) in sights.of_views.iter().enumerate() {

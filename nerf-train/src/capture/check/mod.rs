@@ -2,8 +2,7 @@
 //!
 //! Repeated structure can make a reconstruction superimpose two sides of an orbit. The key points do not reveal such a
 //! fold: they agree with the wrong poses. Pixels reveal it: two photographs that see a point from nearly the same place
-//! show different content around the point (`pairs.rs`). The photographs then fall into groups, each consistent in
-//! itself (`groups.rs`).
+//! show different content around the point (`pairs.rs`). The photographs then form consistent groups (`groups.rs`).
 
 pub mod after;
 mod found;

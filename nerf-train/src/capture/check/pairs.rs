@@ -6,13 +6,13 @@ use crate::data::{SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Limits for seeing a point alike: minimum cosine of the angle between the rays (12°), maximum ratio of distances.
+/// Limits for two cameras to see a point alike: minimum cosine between their rays (12°), maximum ratio of distances.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
 /// Two photographs are compared if both see at least this number of points from similar directions ([`ALIKE`]).
 const ENOUGH_POINTS: usize = 30;
 /// A pair of photographs is used if at least this number of patches were compared.
 const ENOUGH_PATCHES: usize = 15;
-/// Approximate maximum number of tests for points seen alike (takes seconds). For more, every N-th point is tested.
+/// Approximate limit on tests whether two cameras see a point alike. To keep below it, only every N-th point is tested.
 const MAX_QUESTIONS: usize = 400_000_000;
 /// Maximum number of points, from each photograph of a pair, around which patches are compared.
 const COMPARED_POINTS: usize = 60;
@@ -67,7 +67,7 @@ impl Compared<'_> {
         self.points.iter().filter(alike).filter(inside).copied().collect()
     }
 
-    /// Projects `point` into this photograph, pixels of the working size; `None` if the camera does not see the point.
+    /// Returns the projection of `point`, pixels of the working size, also outside the image; `None` if there is none.
     fn shows(&self, point: Vec3) -> Option<[f32; 2]> {
         let (x, y) = self.view.camera.project(point)?;
         Some([x, y].map(|v| v / self.grey.factor as f32))

@@ -10,9 +10,9 @@ const GAP: f32 = 30.0;
 /// Elevation above or below the horizon beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// A jump of the viewing direction is a turn by at least [`GAP`] and at least this multiple of the median turn.
+/// The direction jumps between two photographs if it turns by at least [`GAP`] and this multiple of the median turn.
 const JUMP: f32 = 5.0;
-/// Minimum number of photographs in a run; only the last run may be shorter.
+/// Minimum number of consecutive photographs in a run between jumps; only the last run may be shorter.
 const SHORTEST_RUN: usize = 3;
 
 /// A range of azimuths without photographs.
@@ -28,7 +28,7 @@ pub(super) struct Gap {
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
     pub inward: bool,
-    /// Azimuth of each photograph around the mean up direction, degrees; `None` if the direction is nearly vertical.
+    /// Azimuth of each photograph's direction about the mean up axis, degrees; `None` if steeper than [`STEEP`].
     pub azimuths: Vec<Option<f32>>,
     /// Largest gap, and all further gaps of at least [`GAP`], in descending order.
     pub gaps: Vec<Gap>,
@@ -66,7 +66,7 @@ impl Spread {
     }
 }
 
-/// Splits `views` where the direction jumps, once a run has [`SHORTEST_RUN`] views. Returns the indices of each run.
+/// Returns runs as indices of `views`: a run ends at a jump ([`JUMP`]) if it has at least [`SHORTEST_RUN`] photographs.
 pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =

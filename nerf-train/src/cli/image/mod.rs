@@ -110,7 +110,7 @@ pub struct Fit {
     /// Steps between evaluations [default: a tenth of the run].
     #[arg(long, value_name = "N")]
     evaluate_every: Option<u32>,
-    /// Preset: grid (learned hash grid), classic (sinusoidal encoding), sharp (classic with one layer more, trained
+    /// Preset: grid (hash grid), classic (sinusoidal encoding), sharp (classic with one layer more, trained
     /// longer).
     #[arg(long, value_enum, default_value = "grid", hide_possible_values = true)]
     preset: FieldPreset,

@@ -77,7 +77,7 @@ impl Space {
         }
     }
 
-    /// Applies `self` to `config`: `Contracted` adds a contraction if there is none, `Box` removes it, `Auto` does neither.
+    /// Applies `self` to `config`: `Contracted` adds a contraction if missing, `Box` removes it, `Auto` does neither.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}

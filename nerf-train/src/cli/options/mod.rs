@@ -53,7 +53,7 @@ pub struct ShardOption {
 }
 
 impl ShardOption {
-    /// Returns the part of the work given by `--shard`, else the array job's part (reported to the user), else all.
+    /// Returns the part of the work: from `--shard`; else by the index of an array job, with a message; else all.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -65,7 +65,7 @@ impl ShardOption {
     }
 }
 
-/// Output, limits and checkpoints of a fit.
+/// Options for the outputs, the time limit and the checkpoints of `fit` and `image fit`.
 #[derive(Debug, Args)]
 pub struct Conduct {
     /// Output file (.nerf); FILE.checkpoint is written next to it.
@@ -94,8 +94,8 @@ impl Conduct {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Checks the options, and `claims` with the checkpoint added. Creates the folders of the outputs. Returns the path
-    /// of the checkpoint; `None` if the output is a device.
+    /// Checks the options, and the paths of `claims` together with the checkpoint's path. Then creates the folders of
+    /// the outputs. Returns the path of the checkpoint; `None` if the output file is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
         // An infinite interval is valid: no checkpoint is written during training.
@@ -121,13 +121,13 @@ impl Conduct {
         Ok(checkpoint)
     }
 
-    /// Returns options to render the validation views `views` at `steps` for the report; `None` without a report.
+    /// Returns options to render the validation views `views` at the training steps `steps`; `None` without `--report`.
     pub fn snapshots(&self, steps: &[u32], views: &[usize]) -> Option<SnapshotOptions> {
         let folder = self.report.clone()?;
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Options of a run. `asked`: whether a flag gave `steps`; otherwise `--max-seconds` removes the limit on steps.
+    /// Returns options of a run. `asked`: whether a flag gave `steps`. If not, `--max-seconds` replaces this limit.
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

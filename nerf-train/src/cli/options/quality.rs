@@ -41,7 +41,7 @@ pub struct QualityOptions {
     pub bins: Option<WhichBins>,
 }
 
-/// Part of a ray that the samples cover. Only for scenes sampled in bins, not for ray-marched ones.
+/// Part of a ray that the samples cover, in a scene sampled in bins; ignored for ray-marched scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum WhichBins {
     /// Bins between the scene's near and far planes.
@@ -59,8 +59,8 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// Returns the plan that renders `blob`. `file`: its path, for errors; `default`: part of a ray
-    /// that is sampled if `--bins` is not given.
+    /// Returns the plan that renders `blob`. `file`: path of the scene file, for error messages.
+    /// `default`: part of a ray that is sampled if `--bins` is not given.
     pub fn plan<'b>(
         &self,
         (blob, file): (&Blob<'b>, &Path),

@@ -43,9 +43,9 @@ impl SetOption {
 
 /// Returns the preset adapted to `surroundings`, overridden by the TOML file's values and then by the values of `set`.
 ///
-/// Some values in the file or in `set` take precedence over `surroundings`. With `sampling.contraction`, the preset is
-/// adapted to an unbounded scene. With `sampling.scene_box` or `occupancy.skip=false`, an unbounded scene is taken as a
-/// scene in a box. With `occupancy.hull=false`, a known background is taken as unknown.
+/// Values in the file or in `set` can change `surroundings`. If `sampling.contraction` is given, the scene is taken as
+/// unbounded. If `sampling.scene_box` or `occupancy.skip=false` is given, an unbounded scene is taken as a scene in a
+/// box. If `occupancy.hull=false` is given, a known background is taken as unknown.
 pub fn read_config(
     preset: Preset,
     file: Option<&Path>,

@@ -222,7 +222,7 @@ impl Render {
         }
     }
 
-    /// Fails if memory cannot hold a frame with its outputs, or the coarse frames for a video's distance ranges.
+    /// Fails if memory cannot hold a frame and its outputs, or the low-resolution frames that [`ranges`] renders.
     fn check_memory(&self, cameras: &[Camera]) -> anyhow::Result<()> {
         let pixels = |camera: &Camera| {
             let size = camera.intrinsics();

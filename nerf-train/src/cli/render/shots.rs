@@ -84,7 +84,7 @@ fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     }
 }
 
-/// Returns the orbit around a scene, with `--up`, `--elevation` and `--radius` in place of its defaults.
+/// Returns the default orbit around a scene, changed by `--up`, `--elevation` and `--radius` where these are given.
 fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     let orbit = Orbit::of(scene, render.up.map(UpAxis::direction));
     Orbit {
@@ -94,7 +94,7 @@ fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     }
 }
 
-/// Returns the cameras of a camera path. The image size comes from the flags, or else from the path.
+/// Returns the cameras of a camera path, interpolated if `--frames` is given. Image size: by flags, else the path's.
 fn along(render: &Render, path: &CameraPath) -> anyhow::Result<Vec<Camera>> {
     let size = size_of(render, path.size.unwrap_or((400, 400)));
     let key = |of: &PathCamera| Keyframe {
@@ -162,7 +162,7 @@ fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// Returns width and height, pixels: from the flags, or else from `camera`. A missing flag keeps the aspect ratio.
+/// Returns width and height, pixels: from the flags, else from `camera`. One flag alone keeps `camera`'s aspect ratio.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))

@@ -21,7 +21,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Returns the end of the interruption message, which says which images are kept. `output`: path of `-o`.
+    /// Returns the end of the message at an interruption: which images are kept. `output`: path of `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
@@ -40,7 +40,7 @@ pub(super) fn is_exr(render: &Render) -> bool {
     !is_sequence(render) && view::is_exr(&render.output)
 }
 
-/// Returns the kind of output that `-o` names. Fails if the flags do not allow that kind or ffmpeg is missing.
+/// Returns the kind of output that `-o` names. Fails if other flags exclude this kind, or if ffmpeg for MP4 is missing.
 pub(super) fn target(render: &Render) -> anyhow::Result<Target> {
     let name = render.output.display();
     let extension = places::extension(&render.output);

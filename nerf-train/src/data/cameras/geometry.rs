@@ -15,7 +15,7 @@ const FORWARD_FACING: f64 = 0.02;
 const ROUNDS: usize = 20;
 
 /// Point with the least sum of distances to all optical axes, and how well the axes agree on it. The distances are not
-/// squared, so that a few cameras that look elsewhere hardly move the point. Reversing an axis does not move it.
+/// squared, so that a few cameras that look elsewhere hardly move the point. Reversing an axis does not move the point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LookAt {
     pub point: [f32; 3],
@@ -27,7 +27,7 @@ pub struct LookAt {
     pub max_distance: f32,
     /// Fraction of the cameras that have the point behind them, 0..=1.
     pub behind: f32,
-    /// Mean squared sine of the angles between the axes and the direction nearest to all of them, 0..=2/3.
+    /// Mean squared sine of the angles between the axes and their common direction, which minimises this mean; 0..=2/3.
     pub spread: f32,
 }
 
@@ -40,7 +40,7 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Point nearest to `lines` (position and unit direction); `None` for fewer than two lines or nearly parallel ones.
+    /// Look-at point of `lines` (position, unit direction); `None` if they are nearly parallel or fewer than two.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -94,7 +94,7 @@ impl LookAt {
         look_at.point.iter().all(|v| v.is_finite()).then_some(look_at)
     }
 
-    /// Whether the axes' mean distance from [`Self::point`] is at most 0.3 of the mean camera distance.
+    /// Whether the mean distance of the axes from [`Self::point`] is at most 0.3 times that of the cameras.
     pub fn axes_meet(&self) -> bool {
         self.mean_residual <= 0.3 * self.mean_distance
     }
@@ -146,8 +146,8 @@ pub struct SceneBounds {
     pub scene_box: SceneBox,
 }
 
-/// Near and far distance, world units, and scene box of a data set. `None` if `near` or `far` follows from neither data
-/// nor cameras, if `near` is not less than `far`, or if the box is invalid ([`SceneBox::new`]).
+/// Near and far distance, world units, and scene box of a data set. `None` if the data set lacks `near` or `far` and
+/// has no certain look-at point, if `near` is not less than `far`, or if the box is invalid ([`SceneBox::new`]).
 ///
 /// `near` and `far` are the data set's own, if stated. Otherwise they follow from the distances of the cameras from
 /// their look-at point. If these distances are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set,
@@ -236,7 +236,7 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// Distance at which rays begin: quantile `in_front` (0 to 1) of `distances`, times `share`; `None` if too few.
+/// Estimate of a near or far distance: quantile `in_front` of `distances`, times `share`; `None` for too few distances.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

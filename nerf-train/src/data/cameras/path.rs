@@ -9,14 +9,14 @@ use serde::de::IgnoredAny;
 use std::fmt::Display;
 use std::path::Path;
 
-/// Size limit of a path file, bytes: some 100,000 cameras.
+/// Maximum size of the file of a camera path, bytes. This is enough for about 100,000 cameras.
 const MAX_PATH_BYTES: u64 = 64 << 20;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraPath {
     /// Cameras in the order of the path; at least one.
     pub cameras: Vec<PathCamera>,
-    /// Width and height of the pictures, pixels, if the file states them.
+    /// Width and height of the pictures to render, pixels, if the file states them.
     pub size: Option<(u32, u32)>,
     pub fps: Option<f64>,
 }

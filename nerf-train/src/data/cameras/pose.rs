@@ -12,10 +12,10 @@ pub(crate) fn pose_of(mut rows: [[f64; 4]; 3], origin: DVec3) -> Pose {
 
 pub(crate) const BOTTOM_ROW: &str = "a bottom row of 0 0 0 1";
 
-/// Tolerance of the bottom row: files write numbers with few digits.
+/// Tolerance when the bottom row of a matrix is compared with 0 0 0 1: files write numbers with few digits.
 const ROUNDING: f64 = 1e-6;
 
-/// Text of the bottom row of a 4×4 matrix if it is not 0 0 0 1, else `None`. A matrix with another bottom row is
+/// Describes the bottom row of a 4×4 matrix if the row is not 0 0 0 1, else `None`. A matrix with another bottom row is
 /// projective or transposed: its first three rows are no pose.
 pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     let [a, b, c, bottom] = matrix else { return None };

@@ -1,4 +1,4 @@
-//! Refined poses next to a `.nerf` blob: `FILE.poses.json`, a transforms.json of the fitted photographs.
+//! File of refined poses beside the `.nerf` blob `FILE`: `FILE.poses.json`, in the format of transforms.json.
 
 use super::optics_by_name;
 use super::pose::pose_of;
@@ -14,7 +14,7 @@ pub struct RefinedPoses {
     frames: Vec<Frame>,
 }
 
-/// One view in the file, with nerfstudio's field names. Its pose is in the world of the data set's file.
+/// View in a file of refined poses, with nerfstudio's field names. The pose is in the world of the data set's file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Frame {
     file_path: String,
@@ -60,7 +60,7 @@ impl RefinedPoses {
     }
 
     /// Refined camera of each view, with its position relative to `origin`; `None` if the file lacks the view. Errors
-    /// name `blob`.
+    /// name the file of refined poses beside `blob`.
     pub fn cameras<'v>(
         &self,
         blob: &Path,

@@ -12,17 +12,17 @@ use std::f32::consts::TAU;
 const MOST: f32 = 0.95;
 /// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Limits (maximum of e1 / e2, minimum of e2) on the eigenvalues e1 ≤ e2 ≤ e3 of the scatter matrix of the cameras' x
-/// axes, divided by the number of axes. Beyond these limits, the x axes do not determine the up direction.
+/// Maximum of e1 / e2 and minimum of e2 at which the cameras' x axes determine the up direction. e1 ≤ e2 ≤ e3:
+/// eigenvalues of the mean of the outer products x xᵀ of these axes.
 const LEVEL: (f64, f64) = (0.15, 0.02);
 /// Minimum number of sparse points that a view must show for an estimate of the scene's depth from them.
 const ENOUGH_POINTS: usize = 8;
 
 /// Initial viewpoint, chosen from the training cameras; `None` if there is no valid one. `range`: near and far
-/// distance, world units. If the cameras look at a common point, the viewpoint looks at it from the camera nearest to a
-/// typical position: median height over the point, median distance from the vertical axis through it, middle of the
-/// cameras' arc. Otherwise the viewpoint is the camera nearest to the geometric median of all positions, with its
-/// direction.
+/// distance, world units. If the cameras look at a common point, this point is the target, and the eye is the camera
+/// nearest to a typical position: median height over the target, median distance from the vertical axis through the
+/// target, and (unless the cameras surround it) middle of the cameras' range of azimuths. Otherwise the viewpoint has
+/// the position and direction of the camera nearest to the geometric median of all positions.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -59,8 +59,8 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     places.then_some(found)
 }
 
-/// Depth of the scene in training view `middle`, world units: the median distance of the sparse points in view. With
-/// too few points, the harmonic mean of `near` and `far`, or half of `far` if `near` is 0.
+/// Depth of the scene in training view `middle`, world units: median distance of the sparse points in view. If they are
+/// too few, the depth is the harmonic mean of `near` and `far`, or half of `far` if `near` is 0.
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
@@ -105,8 +105,8 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     (0..count).map(arc).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Up direction of the scene: perpendicular to the cameras' horizontal axes, because people hold cameras level. If
-/// these axes determine no direction, or one at least 60° from the median of the cameras' up directions, the median.
+/// Up direction of the scene: perpendicular to the cameras' x axes, because people hold cameras level. If this is
+/// undetermined, or 60° or more from the median of the cameras' up directions, the median is returned instead.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()

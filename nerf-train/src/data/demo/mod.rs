@@ -94,7 +94,7 @@ pub struct Hit {
     pub rgb: [f32; 3],
 }
 
-/// First hit of the ray through the image point `(x, y)`, pixels; a pixel's centre is at `+ 0.5`. `None`: no hit.
+/// First hit of the ray through the image point `(x, y)`, pixels; `None`: no hit. Pixel centres are at half-integers.
 /// Distances differ from the exact values by less than 1e-5 world units.
 pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
     let ray = camera.ray(x, y);

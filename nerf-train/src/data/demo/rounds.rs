@@ -1,5 +1,5 @@
-//! Demo data sets with sparse points, like those of a reconstruction. On request, the reconstruction is folded:
-//! photographs of two sides of the scene have poses on the same side.
+//! Demo data sets with sparse points, like the results of structure from motion. On request, the poses are wrong
+//! (folded): photographs of two sides of the scene have poses on the same side.
 
 use super::{DemoSpec, Hit, render, trace};
 use crate::data::{Axes, Background, Dataset, Format, KeyPoint, SparsePoint, View};

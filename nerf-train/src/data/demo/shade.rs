@@ -9,7 +9,7 @@ const LIGHT_COLOUR: Vec3 = Vec3::new(1.08, 1.0, 0.88);
 const SKY: Vec3 = Vec3::new(0.42, 0.47, 0.56);
 const BOUNCE: Vec3 = Vec3::new(0.30, 0.25, 0.20);
 
-/// Reflectance of a surface: linear albedo, strengths of highlight and sky reflection, exponent of the highlight.
+/// Reflectance of a surface. `albedo`: linear. `mirror`: strength of reflections. `exponent`: that of the highlight.
 struct Surface {
     albedo: Vec3,
     highlight: f32,

@@ -123,7 +123,7 @@ impl Shape {
         }
     }
 
-    /// Distances at which the ray enters and leaves the bounding sphere, enlarged by `margin`; `None` for a miss.
+    /// Distances at which the ray enters and leaves the sphere around `centre` with radius `reach + margin`, if any.
     pub(super) fn bounds(&self, origin: DVec3, dir: DVec3, margin: f64) -> Option<(f64, f64)> {
         let to = self.centre - origin;
         let middle = to.dot(dir);

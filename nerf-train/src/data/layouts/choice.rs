@@ -1,14 +1,14 @@
-//! Choice of the layout in which a folder is read.
+//! Chooses the layout of a folder of data, and reads the folder in this layout.
 
 use crate::data::layouts::bare::Bare;
 use crate::data::layouts::{blender, colmap, llff, nerfstudio};
 use crate::data::{Dataset, DatasetError, ReadOptions, Watch};
 use std::path::Path;
 
-/// Layout of a folder of data. If several layouts fit a folder, the first in this order is taken.
+/// Layout of a folder of data. If several layouts fit a folder, the first in the order of the variants is taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// A folder with `transforms_train.json` or `transforms.json`.
+    /// A folder with `transforms.json`, or with a Blender split file such as `transforms_train.json`.
     Transforms,
     Colmap,
     /// A folder with `poses_bounds.npy`.
@@ -58,7 +58,7 @@ impl std::str::FromStr for Layout {
     }
 }
 
-/// Reads a folder in the requested layout, else in the first that fits; a note then names the others that fit.
+/// Reads a folder in the requested layout. If none is requested, the first that fits is taken; a note names the others.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());

@@ -8,7 +8,7 @@ use nerf_core::camera::{Camera, Intrinsics, Lens};
 use rayon::prelude::*;
 
 /// Reads the arrays `images_{train,val,test}`, `c2ws_{train,val,test}` and `focal`. The training arrays may be missing
-/// with [`ReadOptions::to_measure`]. `c2ws_test` without `images_test` is read as a camera path to render.
+/// if [`ReadOptions::to_measure`] is true. `c2ws_test` without `images_test` is read as a camera path to render.
 pub(crate) fn read(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opencv);
     let focal = archive.scalar("focal")?;

@@ -53,7 +53,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     lists.into_iter().chain(named).chain(whole).collect()
 }
 
-/// Files of a folder's COLMAP reconstruction or LLFF poses, and all its picture files; empty if there are no poses.
+/// COLMAP and LLFF files in `folder`, and files of photographs and masks; empty if there is no COLMAP or LLFF file.
 fn photographs(folder: &Path) -> Vec<PathBuf> {
     let poses = folder.join(llff::FILE);
     let mut files = colmap::files(folder);

@@ -13,7 +13,7 @@ const MASKS: &str = "masks";
 /// A photograph's file, and the reduction to be applied to its picture.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor by which the picture is reduced from the size that the data set states; `None`: it is not reduced.
+    /// Factor from the size that the data set states to the reduced size; `None`: the picture keeps the file's size.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }

@@ -14,7 +14,7 @@ use std::path::Path;
 pub(crate) const FILE: &str = "poses_bounds.npy";
 /// Number of values per photograph: three rows of a 3×5 matrix, near and far.
 const NUMBERS: usize = 17;
-/// Rays begin at the nearest bound times this factor, as in LLFF's loader.
+/// Factor by which the smallest near bound is multiplied to get the distance at which rays begin, as in LLFF's loader.
 const NEAR_MARGIN: f64 = 0.9;
 
 /// Values of one photograph in `poses_bounds.npy`.
@@ -101,7 +101,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     .counted_from(origin))
 }
 
-/// Sparse points of a COLMAP reconstruction in the same folder, relative to `origin`; empty without a reconstruction.
+/// Sparse points of a COLMAP reconstruction in `folder`, relative to `origin`; empty if there is no reconstruction.
 fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
     for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
         let points = colmap::points_of(&place, origin, found)?;

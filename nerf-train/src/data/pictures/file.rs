@@ -1,4 +1,4 @@
-//! Decodes one picture file with its EXIF orientation; finds picture files.
+//! Decodes a picture file, and applies its EXIF orientation if the picture then fits its stated size; finds pictures.
 
 use crate::data::DatasetError;
 use crate::data::pictures::decode::{DecodeError, FORMATS, decode_of};
@@ -29,8 +29,8 @@ pub(crate) struct Decoded {
 /// Width and height of a picture, pixels, as stated with its pose; `None` for a side that is not stated.
 pub(crate) type StatedSize = (Option<f64>, Option<f64>);
 
-/// Decodes a picture of any depth and channel count, as it is stored. The size in its header must fit `stated`, upright
-/// or turned by 90°; otherwise the picture is not decoded, and an error is returned.
+/// Decodes a picture of any bit depth and channel count; the EXIF orientation is not applied. Returns an error, without
+/// decoding, if the size in the header does not fit `stated`, either as stored or turned by 90°.
 pub(crate) fn decode(file: &Path, stated: StatedSize) -> Result<Decoded, DatasetError> {
     let bad =
         |found: String| DatasetError::fault(file, format!("expected a {FORMATS} picture, found {found}"));

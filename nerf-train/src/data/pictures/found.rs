@@ -13,13 +13,13 @@ pub(crate) struct Found {
     pictures: usize,
     /// Names of pictures without an alpha channel.
     opaque: Vec<String>,
-    /// Number of reduced pictures. Key: width and height before the reduction, then after it, pixels.
+    /// Number of reduced pictures for each pair of sizes: width and height before, then after the reduction, pixels.
     scaled: BTreeMap<[u32; 4], usize>,
     /// Number of pictures that are partly masked out.
     masked: usize,
     /// Names of pictures that are masked out entirely.
     hidden: Vec<String>,
-    /// Number of views with each note. Key: name of the poses' file, and the note.
+    /// Number of views with each note. Key: name of the file that states the poses, and the note.
     said: BTreeMap<(String, String), usize>,
 }
 

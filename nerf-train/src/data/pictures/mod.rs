@@ -1,4 +1,4 @@
-//! Picture files: decoded whole or refused, turned, made smaller, masked, and written.
+//! Reads picture files (an incomplete file is an error), rotates, reduces and masks pictures, and writes PNG files.
 
 pub mod colour;
 pub mod decode;

@@ -1,4 +1,4 @@
-//! Photographs with their cameras: decoded in parallel, turned, reduced, masked.
+//! Loads photographs with their cameras: decodes files in parallel; rotates, reduces and masks the photographs.
 
 use crate::data::pictures::file::{self, Picture, StatedSize};
 use crate::data::pictures::found::Found;
@@ -44,8 +44,8 @@ pub(crate) struct Photo<'a> {
     /// Path of the mask. Pixels that are black in the mask are neither trained on nor evaluated.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) stated: StatedSize,
-    /// Factor by which the picture is reduced. [`Downscale::By`] counts from the size `stated`, [`Downscale::Auto`]
-    /// from the file's size. `None`: the picture keeps the file's size.
+    /// Factor by which the picture is reduced. [`Downscale::By`] divides the size `stated` with the poses,
+    /// [`Downscale::Auto`] the size of the picture's file. `None`: the picture keeps the size of its file.
     pub(crate) downscale: Option<Downscale>,
     /// Whether the picture's file is a copy that is known to be smaller than `stated`.
     pub(crate) reduced: bool,
@@ -64,12 +64,12 @@ pub(crate) struct Loaded {
 #[derive(Clone, Copy)]
 pub(crate) struct Source<'a> {
     pub(crate) file: &'a Path,
-    /// Name of the poses' file in notes, such as "the json".
+    /// Name, in notes, of the file that states the poses, such as "the json".
     pub(crate) says: &'static str,
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics`: gets the stated picture size or, if none, the decoded size.
+    /// Decodes a photograph and makes its camera. `optics`: function of the picture size stated or, if none, decoded.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,

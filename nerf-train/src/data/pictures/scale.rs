@@ -43,8 +43,8 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// Index of the first source pixel that target pixel `index` of `count` overlaps, and the overlapped fraction of this
-/// and each following source pixel. The side has `length` source pixels.
+/// Source pixels that target pixel `index` of `count` overlaps along a side of `length` source pixels: index of the
+/// first one, and the overlapped fraction of each.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;
@@ -96,8 +96,8 @@ pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     Picture { width, height, pixels, alpha }
 }
 
-/// Adds a source row to `sums` (colour times alpha, and alpha). `columns`: [`covered`] of each target column. `part`:
-/// fraction of the source row that the target row covers.
+/// Adds a source row to the sums of a target row; each sum holds colour times alpha, and alpha. `columns`: result of
+/// [`covered`] for each target column. `part`: fraction of the source row that the target row covers.
 fn add_row(sums: &mut [[f32; 4]], row: &[u8], channels: usize, columns: &[(usize, Vec<f32>)], part: f32) {
     for (sum, (first, shares)) in sums.iter_mut().zip(columns) {
         for (pixel, share) in row[first * channels..].chunks_exact(channels).zip(shares) {

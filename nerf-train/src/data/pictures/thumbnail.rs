@@ -1,4 +1,4 @@
-//! Small copies of the cameras' pictures, so that one page can hold all of them.
+//! Small copies of the views' pictures, so that one HTML page can hold a picture for every camera.
 
 use crate::data::View;
 use crate::data::pictures::rgb::Picture;
@@ -7,7 +7,7 @@ use base64::Engine as _;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
 
-/// Maximum number of pixels of all thumbnails of a page. As JPEG in base64, each pixel takes 0.3 to 2.2 bytes.
+/// Maximum total number of pixels of the thumbnails of a page. As JPEG in base64, each pixel takes 0.3 to 2.2 bytes.
 const PIXEL_BUDGET: usize = 1_200_000;
 /// Upper limit of a thumbnail's longest side, pixels.
 const LARGEST: usize = 400;
@@ -35,7 +35,7 @@ impl Thumbnail {
         Self(source.box_filtered(shrunk(width), shrunk(height)))
     }
 
-    /// The picture as a JPEG that a page can hold: `data:image/jpeg;base64,…`.
+    /// Returns the picture as a JPEG in a URI for an HTML page: `data:image/jpeg;base64,…`.
     pub fn data_uri(&self) -> anyhow::Result<String> {
         let mut bytes = Vec::new();
         JpegEncoder::new_with_quality(&mut bytes, QUALITY)

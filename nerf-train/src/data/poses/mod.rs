@@ -1,8 +1,8 @@
 //! Poses of photographs that have none, found by an installed COLMAP.
 //!
-//! COLMAP works in a hidden folder next to the result, on copies of the photographs, so that later edits of the
-//! photographs never change the result. Once there is a reconstruction, the folder gets its final name. If a
-//! reconstruction is torn (photographs are missing) or folded (wrong poses), other ways of running COLMAP are tried.
+//! COLMAP works in a hidden folder next to the output folder, on copies of the photographs, so that later edits of the
+//! photographs never change the result. If a reconstruction is torn (photographs are missing) or folded (wrong poses),
+//! COLMAP runs again with another strategy. At the end, the hidden folder is renamed to the output folder.
 
 mod fault;
 mod run;
@@ -35,7 +35,7 @@ pub struct Request<'a> {
     pub threads: Option<usize>,
     /// Time without output after which COLMAP is killed.
     pub patience: Duration,
-    /// Function that returns the groups of photographs if the reconstruction is folded, else `None`.
+    /// Function that returns the groups of photographs if a reconstruction is folded ([`Fault::Folded`]), else `None`.
     pub folded: &'a dyn Fn(&Dataset) -> Option<Vec<Vec<String>>>,
     pub style: ProgressStyle,
 }
@@ -143,7 +143,7 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads the largest reconstruction that `way` made; the photographs lie next to it meanwhile. `None` if reading fails.
+/// Reads the largest reconstruction of `way`; moves the photographs next to it for this. `None` if reading fails.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");

@@ -65,7 +65,7 @@ impl EvaluationTime {
         self.all += seconds;
     }
 
-    /// Whether one more evaluation after `now` seconds keeps all evaluations within [`VALIDATION_SHARE`] of the time.
+    /// Whether one more evaluation after `now` seconds keeps all evaluations within [`VALIDATION_SHARE`] of `now`.
     fn affords(&self, now: f64) -> bool {
         self.one.is_some_and(|one| self.all + one <= VALIDATION_SHARE * now)
     }
@@ -95,7 +95,7 @@ pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> anyho
 /// Fits a 2D field until the budget is used or `stop` returns true. `stop` is called between steps with the number of
 /// steps done. `each` is called with every evaluation, including an evaluation at step 0 if requested.
 ///
-/// An interrupted run writes the blob of its present field to `output`, and a checkpoint, if their paths are given.
+/// If `stop` ends the run, the blob of the present field and a checkpoint are written, each if its path is given.
 pub fn run(
     photo: &Photo,
     config: FieldConfig,
@@ -162,7 +162,7 @@ impl Session<'_, '_> {
         Ok((picture, psnr_db))
     }
 
-    /// Expected seconds of rendering the whole picture, extrapolated from an eighth of its width and height.
+    /// Expected seconds of rendering the whole picture, from a timed rendering at an eighth of its width and height.
     fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();
@@ -174,7 +174,7 @@ impl Session<'_, '_> {
         Ok(begun.elapsed().as_secs_f64() * pixels(size) / pixels(small))
     }
 
-    /// Pixels trained on per second of this command.
+    /// Number of training pixels per second since this command's first step began.
     fn pixels_per_second(&self) -> f64 {
         let (steps, seconds) = self.started;
         let pixels = f64::from(self.steps() - steps) * self.trainer.config.pixels as f64;

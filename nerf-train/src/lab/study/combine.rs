@@ -9,14 +9,14 @@ use crate::measure::point::Settings;
 #[derive(Clone, Debug, Default)]
 pub struct Choices {
     pub knob: usize,
-    /// One row per value: settings, and price relative to the base settings: PSNR lost, dB, and ratio of multiply-adds.
+    /// For each value: settings with this value, and loss of PSNR (dB) and ratio of multiply-adds relative to the base.
     pub rows: Vec<(Settings, Price)>,
 }
 
 /// At most `most` combinations of two or more knobs, predicted to lie on the Pareto front, most expensive first.
 ///
 /// The prediction adds losses of PSNR and multiplies costs, which is a rough rule. `limit_db`: largest predicted loss
-/// against the base. Cost is multiply-adds, not time: the choice is the same on every machine.
+/// against the base. Cost is multiply-adds, not time, so that the choice is the same on every machine.
 pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: usize) -> Vec<Settings> {
     let start = (base, Price { loss_db: 0.0, cost: 1.0 });
     let mut all = vec![start];

@@ -1,6 +1,6 @@
 //! Pareto fronts: points that no other point beats in cost and loss of PSNR together.
 
-/// Loss of PSNR and cost of a point.
+/// Loss of PSNR and cost of a point: of rendering with one choice of settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Price {
     /// PSNR lost, dB; negative for a gain. Relative to the exact rendering, or in `combine` to the base settings.
@@ -41,7 +41,7 @@ pub fn pareto(points: &[Price]) -> Vec<usize> {
 
 /// Reduces the Pareto front `front` to at most `most` points. The first (most expensive) and the last point are kept.
 ///
-/// Repeatedly removes the inner point that adds least: the smallest product of (loss of the next cheaper point − own
+/// Repeatedly removes the inner point with the smallest product of two factors: (loss of the next cheaper point − own
 /// loss) and ln(cost of the next dearer point / own cost).
 pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     let mut front = front.to_vec();

@@ -8,11 +8,10 @@
 //!                                  Pareto front ─► report, blob
 //! ```
 //!
-//! *Exact* renders every sample inside the scene box, in f32 with the fastest instructions, with polynomial sines. Rays
-//! do not end early at low transmittance, and the colour of every sample is evaluated. The occupancy grid is used only
-//! if the blob says that the grid is part of the model.
-//!
-//! *Base* has a renderer's default settings. Knobs, settings that trade accuracy for time, are varied one at a time.
+//! A point is one choice of settings. A knob is a setting that trades accuracy for time. Knobs are varied one at a time
+//! from the point *base*, a renderer's default settings. The point *exact* renders every sample inside the scene box,
+//! in f32 with the fastest instructions and polynomial sines. No ray ends early at low transmittance, and every sample
+//! gets a colour. The occupancy grid is used only if the blob says that the grid is part of the model.
 
 mod combine;
 mod front;

@@ -1,7 +1,7 @@
-//! Passes of a study, from the first frame to the last. Some of the views, the timing views, are rendered more often.
+//! Passes of a study. A pass renders points (choices of settings) on views. All passes include the timing views.
 //!
 //! ```text
-//! pass 1   every view:      exact, base, each knob on its own        slow ones on the timing views only
+//! pass 1   every view:      exact, base, each knob on its own        slow settings on the timing views only
 //! pass 2   every view:      base, combinations chosen from pass 1    exact on the timing views
 //! pass 3…  timing views:    everything, as often as time allows
 //! ```
@@ -9,8 +9,9 @@
 //! Slow settings are those without an occupancy grid, and those of the portable kernel that reads weights directly from
 //! the blob. If the blob has no grid, only the timing views are rendered.
 //!
-//! Within a pass all points are rendered view by view, in rotated order. A machine that slows down thus slows all
-//! points. Errors come from the first rendering of a view, times from all renderings of the timing views.
+//! A pass renders all points on one view before the next view, so that a machine that slows down slows all points.
+//! After pass 1, the order of the points changes from view to view. Errors come from a point's first rendering of a
+//! view, times from all renderings of the timing views.
 
 use super::combine::{Choices, combinations};
 use super::front::{Price, cheapest_within, pareto, thin};
@@ -30,10 +31,10 @@ use std::time::{Duration, Instant};
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Largest loss of PSNR, against the exact rendering, of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Loss of PSNR against the exact rendering, dB, up to which points of a blob's Pareto front must not march in longer
-/// steps than training did. The loss from longer steps differs from view to view.
+/// Loss of PSNR against the exact rendering, dB. Points of a blob's Pareto front that lose at most this do not march in
+/// longer steps than training did, because the loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Largest number of combinations chosen from all knobs, and again from the knobs that a blob's front stores.
+/// Largest number of combinations in each of two choices: from all knobs, and from the knobs that a blob stores.
 const COMBINATIONS: usize = 12;
 /// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;
@@ -163,8 +164,8 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// Values of each knob that is tried in combinations, with their prices relative to the base settings. `in_blob`:
-    /// whether to take only knobs that a blob stores.
+    /// For each knob that is combined with others: tried values, each with loss of PSNR and cost relative to the base.
+    /// `in_blob`: whether to take only knobs that a blob stores.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
         let of_knob = |index: usize| {
@@ -200,8 +201,8 @@ impl<'a, 'b> Study<'a, 'b> {
         self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
-    /// Whether a pass renders `point` on the view of index `view`. Timing views get all points. Other views get
-    /// no point if `only_timing`, else all points that are not slow, and the exact rendering if it is still missing.
+    /// Whether a pass renders `point` on the view of index `view`. Timing views: every point. Other views: no point if
+    /// `only_timing`; else the exact point if the view still lacks it, and every other point that is not slow.
     fn wanted(&self, point: &Point, view: usize, only_timing: bool) -> bool {
         let timed = self.timing.contains(&view);
         let first = point.views[view].is_none();
@@ -290,13 +291,13 @@ impl<'a, 'b> Study<'a, 'b> {
         self.points.iter().map(price).collect()
     }
 
-    /// Indices of the points on the Pareto front over render time, most expensive first.
+    /// Indices of the points on the Pareto front of render time and loss of PSNR, slowest first.
     pub fn front(&self) -> Vec<usize> {
         pareto(&self.times())
     }
 
-    /// Indices of the points on the blob's Pareto front over multiply-adds, most expensive first. Also returns the
-    /// price of every point; the cost is NaN for points that cannot be on the front.
+    /// Indices of the points on the blob's Pareto front of multiply-adds and loss of PSNR, most expensive first. Also
+    /// returns the price of every point; the cost is NaN for points that cannot be on the front.
     ///
     /// The front has at most [`MAX_FRONT`] points. Each has settings that a blob can store, and loses at most
     /// `BLOB_LOSS_DB`. Points that lose at most `TRAINED_STEP_LOSS_DB` do not march in longer steps than training did.

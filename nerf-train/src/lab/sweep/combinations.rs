@@ -1,4 +1,4 @@
-//! Lists of values of settings, and the lists' combinations, which are the points of a sweep.
+//! Points of a sweep: combinations of values, with one list of values for each varied setting.
 
 use anyhow::bail;
 use clap::ValueEnum;
@@ -28,7 +28,7 @@ pub enum Knob {
 }
 
 impl Knob {
-    /// Flag, label of a plot's axis, and encoding that the knob belongs to; `None` if every field has the knob.
+    /// Command-line flag, axis label in plots, and encoding that a field must have for this knob; `None`: any encoding.
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
             Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),
@@ -59,7 +59,7 @@ impl Knob {
     }
 }
 
-/// Settings of one run of a sweep: values of the [`Knob`]s that its kind of field has.
+/// Settings of one run of a sweep: for each [`Knob`] a value, or `None` to keep the value of the base settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub struct Point([Option<f64>; Knob::Seconds as usize + 1]);
 
@@ -131,7 +131,7 @@ pub enum Mode {
 /// Lists of values to vary around a base: an empty list keeps the base's value, a list of one value replaces it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Combinations {
-    /// Values of the settings that are not varied.
+    /// Values of the settings that a point does not take from a list.
     pub base: Point,
     pub lists: Vec<(Knob, Vec<f64>)>,
     pub mode: Mode,

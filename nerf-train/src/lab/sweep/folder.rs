@@ -95,7 +95,7 @@ impl Folder {
         files.iter().map(|path| read_json(path, "record")).collect()
     }
 
-    /// Runs the points that are not finished: `make` returns record and picture of a run, `say` receives each result.
+    /// Runs the points without a record. `make` runs one point and returns record and picture; `say` receives messages.
     pub fn conduct(
         &self,
         points: &[Point],

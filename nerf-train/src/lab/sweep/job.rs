@@ -1,4 +1,4 @@
-//! One run of a sweep.
+//! Runs one point of a sweep: trains the field, measures its PSNR, and returns a record and a picture.
 
 use super::{Header, Kind, Knob, Mode, Point, Record, Status};
 use crate::data::pictures::photograph::Photo;
@@ -47,7 +47,7 @@ pub struct Runner<'a> {
 pub type Run = (Record, Option<Picture>);
 
 impl Job<'_> {
-    /// Values, in the base settings, of the settings that a sweep can vary.
+    /// Returns the base settings as a point: learning rate, and sizes of the grid or of the sinusoidal network.
     pub fn base_point(&self) -> Point {
         match self {
             Self::Image { base, .. } => {
@@ -126,7 +126,7 @@ impl Job<'_> {
     }
 }
 
-/// Values of the knobs in the base settings, among them the learning rate `rate`.
+/// Point with the learning rate `rate` and the sizes of `grid` or, without a grid, `levels`, `layers` and `width`.
 fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
     let point = match grid {
         Some(grid) => Point::of(&[
@@ -204,7 +204,7 @@ fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Rec
     }
 }
 
-/// Status of a run, and the reason if the run is `flat`: no better than one colour, whose PSNR is `flat_psnr_db`.
+/// Status of a run and, if `flat`, the reason. `flat`: no better than one colour; `flat_psnr_db`: PSNR of one colour.
 fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
     match flat {
         true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),

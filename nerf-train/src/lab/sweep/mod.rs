@@ -1,6 +1,6 @@
 //! Many runs that differ in a few settings, and their records.
 //!
-//! lists of values → their combinations → one run each, kept as one small file → table, plots, sheet
+//! lists of values → their combinations → one run each, with a record in a file → table, plots, contact sheet
 //!
 //! A folder holds a sweep: the file `sweep.json` holds what all runs share, and the folder `runs` holds a record and a
 //! picture of each finished run. A record is never made twice, whichever process made it. Runs can be spread over
@@ -34,7 +34,7 @@ pub struct Header {
     pub data: String,
     pub fingerprint: String,
     pub mode: Mode,
-    /// All base settings, including varied ones. A later command on this folder may vary other settings.
+    /// All base settings, also the base values of varied settings. A later command on this folder may vary others.
     pub settings: serde_json::Value,
 }
 

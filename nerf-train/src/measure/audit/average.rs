@@ -141,8 +141,8 @@ mod tests {
         }
     }
 
-    /// Before the activation, a layer's output is linear in PE(d). Its mean over directions is therefore the output of
-    /// the folded layer, which has the mean of PE(d) in its bias.
+    /// Before the activation, a layer's output is linear in PE(d). The mean output over directions is therefore the
+    /// output of the folded layer, which has the mean of PE(d) in its bias.
     #[test]
     fn the_folded_bias_is_the_mean_over_directions_in_f64() {
         let dataset = demo::small(3, 1, 12);

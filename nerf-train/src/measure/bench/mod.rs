@@ -25,7 +25,7 @@ use std::time::Instant;
 
 const NOT_A_SCENE: &str = "blob: expected a scene, found a 2D field";
 
-/// Modified copy of the scene file, for example with another occupancy grid.
+/// Copy of the scene file, unchanged or modified, for example with another occupancy grid.
 #[derive(Clone, Debug)]
 pub struct Variant {
     pub name: String,
@@ -33,7 +33,7 @@ pub struct Variant {
     pub has_occupancy: bool,
 }
 
-/// Scene file (`blob`) to measure, and its variants.
+/// Scene file (`blob`) to measure, and its variants. Variant 0 is the unchanged file.
 #[derive(Clone, Debug)]
 pub struct Variants<'b> {
     pub blob: Blob<'b>,

@@ -15,8 +15,8 @@ pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     cameras::scaled(camera, (side(i.width), side(i.height))).context("camera")
 }
 
-/// Enlarges a frame to the size of `camera`'s picture: bilinear between pixel centres, clamped at the edges. Median
-/// distances and normals are left out: interpolation across an edge is meaningless.
+/// Enlarges a frame to the size of `camera`'s picture: bilinear between pixel centres, clamped at the picture's border.
+/// Median distances and normals are left out: interpolation across an object's outline is meaningless.
 pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     let i = camera.intrinsics();
     let (width, height) = (i.width as usize, i.height as usize);

@@ -1,4 +1,4 @@
-//! Networks that were trained elsewhere, from files whose tensors are named as in nerf-pytorch.
+//! Import of networks that were trained elsewhere, from files whose tensors are named as in nerf-pytorch.
 //!
 //! ```text
 //! .npz, .safetensors
@@ -85,7 +85,7 @@ pub struct Request<'a> {
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Views over whose rays the encoded direction is averaged to leave out view dependence: training views, if any.
+    /// Training views, or else validation views. To leave out view dependence, PE(d) is averaged over their rays.
     pub rays: Vec<View>,
 }
 

@@ -220,7 +220,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Returns the encoding with `found` channels, and for each channel in this project's order its column in the file.
+    /// Returns the encoding with `found` channels, and each channel's column in the file, in this project's order.
     fn encoding(
         &self,
         field: &'static str,

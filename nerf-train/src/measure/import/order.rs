@@ -2,12 +2,11 @@
 
 use nerf_core::encoding::SinusoidalEncoding;
 
-/// Order of sines and cosines in an encoded input; `x y z` are the inputs.
-///
-/// A network works only with the order that it was trained with, so its weight columns are permuted.
+/// Order of sines and cosines in an encoded input; `x y z` are the inputs. A network works only with the order that it
+/// was trained with, so the import permutes the columns of its weights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Order {
-    /// For each level: sin x, sin y, sin z, cos x, cos y, cos z. As in the original code, nerf-pytorch and this
+    /// For each level: sin x, sin y, sin z, cos x, cos y, cos z. As in the original NeRF code, nerf-pytorch and this
     /// project.
     Level,
     /// For each level: sin x, cos x, sin y, cos y, sin z, cos z.
@@ -32,7 +31,8 @@ pub enum Identity {
 }
 
 impl Order {
-    /// For each channel of `encoding`, in this project's order: the index of the same channel in the order `self`.
+    /// Returns, for each channel of `encoding` in this project's order, the index of the channel in the other trainer's
+    /// order. `self`: that trainer's order of sines and cosines; `identity`: that trainer's position of the raw inputs.
     ///
     /// ```
     /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};

@@ -1,4 +1,4 @@
-//! Settings of an import that a checkpoint does not hold.
+//! Settings that an import needs and a checkpoint does not store.
 
 use super::order::{Identity, Order};
 use crate::data::pictures::colour;
@@ -39,7 +39,7 @@ pub enum RawDensity {
     ShiftedSoftplus,
 }
 
-/// Settings of an import that a checkpoint does not hold.
+/// Settings that an import needs and a checkpoint does not store.
 ///
 /// The defaults are those of nerf-pytorch for the synthetic scenes, with a black background.
 #[derive(Clone, Debug, PartialEq, clap::Args)]
@@ -48,9 +48,9 @@ pub struct Settings {
     /// Factor s of the encoding sin(2^k s x).
     #[arg(long, value_enum, value_name = "S", default_value = "1")]
     pub angle_scale: AngleFactor,
-    /// Order of sines and cosines. level (nerf-pytorch): per level, sin x, sin y, sin z, cos x, cos y, cos z; pairs: per
-    /// level, sin x, cos x, sin y, cos y, sin z, cos z; input (tiny-cuda-nn): per input, sin and cos of each level; halves
-    /// (mip-NeRF): sines of all levels, then cosines of all; halves-by-input (nerfstudio): as halves, input by input.
+    /// Order of sines and cosines. level (nerf-pytorch): per level, sin x, sin y, sin z, cos x, cos y, cos z; pairs:
+    /// per level, sin x, cos x, sin y, cos y, sin z, cos z; input (tiny-cuda-nn): per input, sin and cos of each level;
+    /// halves (mip-NeRF): sines by level, then cosines; halves-by-input (nerfstudio): sines by input, then cosines.
     #[arg(long, value_enum, default_value = "level")]
     pub order: Order,
     /// Position of the raw inputs in the encoding [default: first, if present].
@@ -119,7 +119,7 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// Checks every setting against its limits. The other limits of the file format are checked on writing the file.
+    /// Checks the settings against their limits. Numbers of levels are checked later, against the tensors' shapes.
     pub fn check(&self) -> Result<(), ConfigError> {
         let Self { near, far, background, occupancy_threshold: threshold, .. } = *self;
         let sound = near >= 0.0 && near < far && far.is_finite();

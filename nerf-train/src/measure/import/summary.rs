@@ -1,4 +1,4 @@
-//! Summary of an import, the result of the command `import`.
+//! Summary of an import, which the command `import` prints.
 
 use super::{Check, Import};
 use crate::data::pictures::colour;

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// Beginnings of layer names. In a tensor's name, the text before the layer's name is the network's prefix.
 const LAYERS: [&str; 6] =
     ["pts_linears.", "views_linears.", "feature_linear.", "alpha_linear.", "rgb_linear.", "output_linear."];
-/// Largest number of tensors of a network: a few more than any network has, so that an error can name a surplus one.
+/// Largest accepted number of tensors: 16 more than a network can have, so that an error can name a surplus tensor.
 const MAX_TENSORS: usize = 2 * (MAX_TRUNK + MAX_COLOUR + 4) + 16;
 /// Largest size of an unpacked array, bytes: 30 times the largest layer in f64.
 const MAX_ARRAY_BYTES: u64 = 1 << 26;
@@ -183,7 +183,7 @@ impl Source<'_> {
     }
 }
 
-/// Decodes little-endian floats; `None` for any other dtype.
+/// Decodes little-endian floating-point values; `None` if `dtype` is not F16, BF16, F32 or F64.
 fn floats(dtype: Dtype, bytes: &[u8]) -> Option<Vec<f32>> {
     fn each<const N: usize>(bytes: &[u8], value: impl Fn([u8; N]) -> f32) -> Vec<f32> {
         bytes.as_chunks::<N>().0.iter().map(|&chunk| value(chunk)).collect()

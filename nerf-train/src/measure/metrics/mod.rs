@@ -1,7 +1,7 @@
 //! Differences of two pictures: MSE, PSNR, SSIM.
 //!
-//! Pictures are display-encoded RGB in [0, 1], row-major. Nothing is clamped here: values outside of [0, 1] add to the
-//! error unless the caller clamps them. Sums are in f64.
+//! Pictures are display-encoded RGB in [0, 1], row-major. Only [`aligned_psnr_db`] clamps: elsewhere, values outside of
+//! [0, 1] add to the error unless the caller clamps them. Sums are in f64.
 
 use crate::train::psnr_db_of_mse;
 
@@ -71,8 +71,8 @@ pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
 
 /// Whether no view scores better than one flat colour. `psnr_and_flat_db`: PSNR and [`flat_psnr_db`] of every view.
 ///
-/// A single view that scores better than its mean colour proves that the network has learned something. Views that are
-/// one flat colour (+inf) prove nothing and are ignored; without other views the result is false.
+/// A single view that scores better than its mean colour proves that the network has learned something. Views of one
+/// flat colour (+inf) prove nothing and are ignored. If all views are of one flat colour, the result is false.
 pub fn is_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> bool {
     let mut telling = psnr_and_flat_db.into_iter().filter(|(_, flat)| flat.is_finite()).peekable();
     telling.peek().is_some() && !telling.any(|(psnr, flat)| psnr > flat)
@@ -119,7 +119,7 @@ pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, coun
     (channel(0) + channel(1) + channel(2)) / 3.0
 }
 
-/// SSIM of one channel; the caller has checked the sizes.
+/// SSIM of one channel. The caller must check the sizes.
 fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let (across, down) = (gaussian(width), gaussian(height));
     let blur = |plane: &[f64]| blur_valid(plane, width, height, &across, &down);

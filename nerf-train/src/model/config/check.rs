@@ -27,8 +27,7 @@ pub struct ConfigError {
 }
 
 impl ConfigError {
-    /// Returns the error with the name that a setting of the grid has in a 2D field's settings: `grid.levels` for
-    /// `network.grid.levels`.
+    /// Returns the error for a 2D field, whose settings have no prefix `network.`: `grid.levels`, for example.
     pub(crate) fn of_picture(self) -> Self {
         Self { field: self.field.trim_start_matches("network."), ..self }
     }

@@ -66,8 +66,8 @@ pub struct NetworkConfig {
     pub density: Density,
     /// Factor on the density head's raw output in training: `sigma = activation(density_scale · raw)`.
     pub density_scale: f32,
-    /// Initial bias `b` of the density: `sigma = activation(density_scale · raw + b)`. With an exponential density,
-    /// exp(`b`) is the initial optical depth along the longest side of the scene box.
+    /// Value `b` that the density head's initial bias adds to `density_scale · raw`. With an exponential density, the
+    /// bias adds `b` − ln(longest side of the scene box): exp(`b`) is the initial optical depth along this side.
     pub density_bias: f32,
 }
 
@@ -96,12 +96,12 @@ pub struct SamplingConfig {
     /// Position of each sample in its bin: in the middle, anywhere at random, or at random within a given distance
     /// (world units) of the start of the bin.
     pub jitter: Jitter,
-    /// Number of rays per step. If `live_samples` is not 0, this is the number of the first step only. `rays` times
-    /// `samples` is at most 2^27.
+    /// Number of rays per step. If `live_samples` is not 0, this applies to the first step only. `rays` times `samples`
+    /// must be at most 2^27.
     pub rays: usize,
-    /// Target number of samples per step; the number of rays is adapted to it. Only samples in occupied cells count.
-    /// With a learned grid, only trained samples count: those of compositing weight above 0.003, and a random choice
-    /// of the others. 0: every step has `rays` rays.
+    /// Target number of samples per step, to which the number of rays is adapted; 0: every step has `rays` rays.
+    /// Samples in empty cells do not count. With a learned grid, samples count only if they are trained: all samples of
+    /// compositing weight above 0.003, and a random choice of the others.
     pub live_samples: usize,
     /// Number of random images per step, with equally many rays each. 0: rays are drawn from all pixels of all images.
     pub images: usize,
@@ -111,13 +111,12 @@ pub struct SamplingConfig {
     pub near: Option<f32>,
     /// Distance along a ray at which its samples end, world units; derived from the data if absent.
     pub far: Option<f32>,
-    /// Scene box as x0 y0 z0 x1 y1 z1, world units; derived from the data if absent. Not allowed if `contraction` is
-    /// set.
+    /// Scene box as x0 y0 z0 x1 y1 z1, world units; derived from the data if absent. Not allowed with `contraction`.
     pub scene_box: Option<[f32; 6]>,
     /// Power of an unbounded scene's contraction: 1, 2 or 4; absent for a scene in a box. Contraction maps all of space
     /// into a cube, and leaves a ball around the cameras' subject unchanged. Outside the ball, ray march steps grow
-    /// with the distance r: as r² with power 1 (uniform in disparity), as r^1.5 with 2, as r^1.25 with 4. Requires a
-    /// learned grid.
+    /// with the distance r from the ball's centre: as r² with power 1 (uniform in disparity), as r^1.5 with 2, as
+    /// r^1.25 with 4. Requires a learned grid.
     pub contraction: Option<u8>,
     /// Weight of the distortion loss, which concentrates the compositing weights along a ray; 0 for none. Unbounded
     /// scenes only. The unit of distance in this loss is the side of the contracted cube.
@@ -227,8 +226,8 @@ pub enum Jitter {
     None,
     /// Each sample lies at a uniformly random position in its bin (stratified sampling).
     Bin,
-    /// Each sample lies at a random position within this distance of its bin's start, world units. If the bin is no
-    /// longer than this, the position is anywhere in the bin.
+    /// Each sample lies at a random position in the part of its bin that begins at the bin's start and has this length,
+    /// world units. If the bin is shorter, the position is anywhere in the bin.
     Width(f32),
 }
 
@@ -237,7 +236,7 @@ pub enum Jitter {
 pub struct OccupancyConfig {
     /// Whether training skips samples in empty cells.
     pub skip: bool,
-    /// Number of cells along the longest side of the scene box. 0: chosen from the size of the learned grid's tables.
+    /// Number of cells along the longest side of the scene box; 0: chosen by [`Config::occupancy_resolution`].
     pub resolution: u16,
     /// Whether the occupancy grid begins as a visual hull: the cells that no image shows as background. Effective only
     /// if the images show which pixels are background.
@@ -275,9 +274,9 @@ impl Config {
         self.model_of(Vec3::ONE)
     }
 
-    /// Returns the number of occupancy cells along the longest side of a box of this extent. If the setting is 0,
-    /// returns the largest candidate resolution whose bits take at most a third of the bytes of the learned grid's
-    /// tables.
+    /// Returns the number of occupancy cells along the longest side of a box of this extent: `occupancy.resolution`,
+    /// unless this is 0. For 0, returns the largest candidate resolution whose bits take at most a third of the bytes
+    /// of the learned grid's tables.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;

@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 pub struct OptimiserConfig {
     /// Number of training steps; ignored if only a time limit is given.
     pub steps: u32,
-    /// Learning rate at the start.
+    /// Learning rate at the start of the run; during the warm-up, the learning rate is smaller.
     pub rate: f64,
-    /// Learning rate at the end, as a fraction of `rate`; 1 for a constant learning rate.
+    /// Learning rate at the end of the run, as a fraction of `rate`; 1 for no decay.
     pub final_share: f64,
-    /// Number of steps over which the learning rate rises linearly from 0 at the start of the run.
+    /// Number of steps at the start of the run over which the learning rate rises linearly from 0; 0 for no warm-up.
     pub warm_up: u32,
     /// Adam's beta2: decay of the second moment per step.
     pub beta2: f64,
@@ -22,9 +22,9 @@ pub struct OptimiserConfig {
     /// Decoupled weight decay: each step multiplies a weight by 1 − learning rate · decay. With a grid, only weights
     /// of the colour branch decay.
     pub weight_decay: f64,
-    /// Decay per step of the exponential average of the parameters, which export takes. Early in a run the decay is
-    /// smaller: the average's time constant is at most a ninth of the steps so far. 0: no average; export takes the
-    /// parameters of the last step.
+    /// Decay per step of the exponential moving average of the parameters. Early in a run the decay is smaller: the
+    /// average's time constant is at most a ninth of the steps so far. Export takes the average or, if `average` is 0,
+    /// the parameters of the last step.
     pub average: f64,
     /// Number of steps between two updates of a hashed level of the grid. An update uses the sum of the gradients since
     /// the last update. 1: every level is updated at every step.

@@ -8,7 +8,7 @@ use crate::model::engine::EngineKind;
 use crate::model::quantise::TableStorage;
 use serde::{Deserialize, Serialize};
 
-/// Name of a preset, which gives every setting a value.
+/// Name of a preset. [`Preset::config`] returns the preset's values of all settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Preset {

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableConfig {
-    /// Number of levels: resolutions of the grid, from `coarsest` to `finest`.
+    /// Number of levels; their resolutions grow from `coarsest` to `finest`.
     pub levels: usize,
     /// Number of features of a table entry: 1, 2 or 4.
     pub features: u8,
@@ -65,8 +65,8 @@ impl TableConfig {
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    /// Returns whether training already rounds the tables, as export does, when the fraction `share` of the run is
-    /// done.
+    /// Returns whether training rounds the tables to quantisation steps after the fraction `share` of the run: from
+    /// [`ROUNDED_FROM`] on, unless the tables are stored as f16.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }

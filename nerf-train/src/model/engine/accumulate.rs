@@ -16,7 +16,7 @@ pub(super) struct LayerSum {
     touched: bool,
     /// Gradient with respect to the weights of the main inputs, `[outputs][padded main]`.
     main: Vec<f32>,
-    /// Gradient with respect to the weights of the extra inputs, `[outputs][padded extra]`.
+    /// Gradient with respect to weights of extra inputs (encoded position or direction): `[outputs][padded extra]`.
     extra: Vec<f32>,
     bias: Vec<f32>,
 }
@@ -78,7 +78,7 @@ impl LayerSum {
     }
 }
 
-/// Writes one layer's gradient, `W` then `b`, to `gradient`: the sum over accumulators, in their order.
+/// Writes one layer's gradient (weights, then bias) to `gradient`: the total of all `sums`, added in order.
 pub(super) fn reduce<'a>(
     node: &Node,
     sums: impl Iterator<Item = &'a LayerSum> + Clone + Sync,

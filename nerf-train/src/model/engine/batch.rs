@@ -30,15 +30,15 @@ pub struct BatchRay {
 /// sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
-    /// Position of the surface along the ray: 0 at the ray's beginning, 1 at its end.
+    /// Position of the surface along the ray: 0 at the near end of the sampled interval, 1 at its far end.
     pub at: f32,
     /// Weight of the ray's depth loss, at least 0.
     pub weight: f32,
 }
 
 impl Surface {
-    /// Largest distance between sample and surface, in units of [`Surface::at`], up to which the cost of the sample
-    /// grows. This bounds the effect of a wrong surface on its ray.
+    /// Distance between sample and surface, in units of [`Surface::at`], beyond which a sample's cost is constant. This
+    /// bounds the effect of a wrong surface on its ray.
     pub const CLIP: f32 = 0.25;
 }
 
@@ -61,9 +61,9 @@ pub struct RayGradient {
     pub by_dir: Vec3,
 }
 
-/// Rays with their samples in occupied cells; samples are listed ray after ray, front to back along each ray.
+/// Input of a training step: rays, and their samples in occupied cells, ray after ray, front to back along each ray.
 ///
-/// In a 2D field, each ray has one opaque sample. The sample's first two coordinates are its position in the image.
+/// For a 2D field, each ray has one opaque sample. The sample's first two coordinates are its position in the image.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
     pub rays: Vec<BatchRay>,
@@ -71,18 +71,18 @@ pub struct Batch {
     pub positions: Vec<[f32; 3]>,
     /// Length of each sample's bin, world units, at least 0.
     pub deltas: Vec<f32>,
-    /// Factor on each sample's gradients, less than 1 near the cameras; empty if all factors are 1. With a grid only.
+    /// Factor on each sample's gradients, less than 1 near the cameras. Empty: all are 1. Used with a grid only.
     pub gradient_scales: Vec<f32>,
     /// Points in empty cells, whose density is pushed to zero.
     pub empty: Vec<[f32; 3]>,
     /// Weight of the loss term that pushes the density at the `empty` points to 0.
     pub empty_weight: f32,
-    /// Seed and step of Russian roulette, which trains a random choice of the samples of small compositing weight, such
-    /// as fog. `None`: no sample of small weight is trained. With a grid only.
+    /// Seed and training step, for the random numbers of Russian roulette: of the samples of small compositing weight,
+    /// a random choice is trained. `None`: no sample of small weight is trained. Used with a grid only.
     pub roulette: Option<(u64, u64)>,
-    /// Known surfaces of the batch's first rays, one per ray; later rays have none. With a grid only.
+    /// Known surfaces of the batch's first rays, one per ray; later rays have none. Used with a grid only.
     pub surfaces: Vec<Surface>,
-    /// For each sample on a ray with a known surface: position along the ray, 0 to 1, as [`Surface::at`].
+    /// Position along the ray, in the units of [`Surface::at`], of each sample on a ray with a known surface.
     pub along: Vec<f32>,
     /// Index of each ray's photograph. This field and all fields after it are used with a grid only.
     pub views: Vec<u32>,
@@ -107,7 +107,7 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// Removes rays and points but keeps the allocated memory.
+    /// Empties all lists but keeps their memory; sets `question` and `smoothness` to `None`; changes no other field.
     pub fn clear(&mut self) {
         self.rays.clear();
         self.positions.clear();
@@ -220,8 +220,8 @@ pub(super) enum Chunk {
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with parts of the batch, in order. Chunks have about equal sizes, and their number is even if
-/// possible, so that two threads finish together. A chunk with `most` samples or more gets no further ray.
+/// Fills `chunks` with parts of the batch, in order, of about equal size. The number of chunks is even if possible, so
+/// that two threads finish together. A chunk of `most` samples is full, but a line ([`Batch::lines`]) is not divided.
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

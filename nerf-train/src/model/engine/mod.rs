@@ -9,12 +9,12 @@
 //! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty points of ln(1 + sigma)`
 //!
 //! `C = Σ_i w_i c_i + T_end · background`, `w_i = T_i · alpha_i`, `alpha_i = −expm1(−sigma_i · delta_i)`,
-//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`. With a grid, the loss has no term of empty points, but may have the
-//! distortion loss and the depth loss of a [`Surface`].
+//! `T_i = exp(−Σ_{j<i} sigma_j · delta_j)`. Empty points lie in empty cells. With a grid, the loss has no term for
+//! empty points, but may have the distortion loss, the smoothness loss and the depth loss of a [`Surface`].
 //!
 //! # One step, by the tape
 //!
-//! A complete step in dfdx. The engines add views, directions, empty space that is skipped, and checkpoints.
+//! Complete steps in dfdx. The engines add views, viewing directions, the skipping of empty space, and checkpoints.
 //!
 //! ```
 //! use dfdx::optim::{Adam, AdamConfig};
@@ -98,10 +98,10 @@ use nerf_core::space::SceneBox;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Largest sigma of a sinusoidal network in training, per world unit: opaque at any scale, and without overflow.
+/// Upper limit of sigma, per world unit, in training without a grid: opaque in a scene of any scale, and no overflow.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
-/// Absolute value of a gradient at which training has diverged: Adam's second moment, its square, could overflow.
+/// Absolute value of a gradient at which training has diverged: the gradient's square, which Adam uses, could overflow.
 const GRADIENT_LIMIT: f32 = 1e18;
 
 /// Engine that computes the gradients of a run.
@@ -153,7 +153,7 @@ pub trait Engine: Send {
     /// if the loss or a gradient is not finite. Parameters, moments and step count are then as before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
-    /// Does [`Engine::step`]; calls `prefetch` once the loss is known, in parallel with the update if the engine can.
+    /// Does [`Engine::step`]; calls `prefetch` with the loss: in parallel with the update if possible, else after it.
     ///
     /// # Errors
     /// The errors of [`Engine::step`]; `prefetch` is then not called.
@@ -185,7 +185,7 @@ pub trait Engine: Send {
         vec![[0.0; 3]; views]
     }
 
-    /// Computes loss and requested ray gradients of a batch, without a step. An engine without ray gradients returns 0.
+    /// Computes loss and requested ray gradients of a batch, without a step. Loss 0 if the engine has no ray gradients.
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }
@@ -195,12 +195,12 @@ pub trait Engine: Send {
         Box::new(std::iter::empty())
     }
 
-    /// Returns index and colour error, rendered minus photographed, of the last batch's rays with a known photograph.
+    /// Returns, for each ray with a known photograph: index in the last batch, and rendered minus photographed colour.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Returns position and weight of each sample that the last step trained; none if the engine reports none.
+    /// Returns position and compositing weight of each sample that the last step trained; none if not available.
     fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
         Box::new(std::iter::empty())
     }

@@ -31,7 +31,7 @@ pub enum Part {
     Rgb,
 }
 
-/// One dense layer: `y = W [main, extra] + b`, `W` row-major `[outputs][main + extra]`, then `b`.
+/// One dense layer: `y = W [main, extra] + b`. Its parameters are `W`, row-major `[outputs][main + extra]`, then `b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Dense {
     pub part: Part,
@@ -181,7 +181,7 @@ impl Model {
     }
 
     /// Returns the exported network's parameters in the order of [`Model::architecture`], then the tables' values.
-    /// The feature layer is multiplied into the layer after it, and `density_scale` into the density head, in f64.
+    /// The feature layer is multiplied into the layer after it (in f64), and `density_scale` into the density head.
     ///
     /// # Panics
     /// If the length of `parameters` is not [`Model::parameters`].

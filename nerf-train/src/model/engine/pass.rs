@@ -1,4 +1,4 @@
-//! Forward and backward passes over chunks. An accumulator sums the loss and the gradients of its chunks.
+//! Forward and backward passes over chunks of a batch. A `Pass` sums loss and gradients over several chunks.
 
 use super::accumulate::LayerSum;
 use super::batch::Chunk;
@@ -15,7 +15,7 @@ pub(super) struct ChunkLoss {
     pub(super) squared: f64,
     /// Sum of ln(1 + sigma) over points in empty cells.
     pub(super) empty: f64,
-    /// Whether a sample of a ray had a sigma other than 0.
+    /// Whether at least one sample on a ray had sigma ≠ 0; in a 2D field, whether there was a sample.
     pub(super) alive: bool,
 }
 
@@ -34,14 +34,14 @@ pub(super) struct Pass {
     slots: Vec<Vec<f32>>,
     /// Gradient of the loss with respect to the current layer's output, `[blocks][outputs][BLOCK]`.
     upper: Vec<f32>,
-    /// Gradient with respect to the layer's main inputs, without the skip connection's: `[blocks][main][BLOCK]`.
+    /// Gradient with respect to the layer's main inputs, `[blocks][main][BLOCK]`. Extra inputs, encodings, get none.
     lower: Vec<f32>,
     /// Sigma of each sample, padded to whole blocks.
     sigma: Vec<f32>,
     d_sigma: Vec<f32>,
     transposed: Vec<f32>,
     volume: Scratch,
-    /// For each sample of the chunk: index in the batch of its ray.
+    /// Index of each sample's ray among the rays of the batch, for the samples of the current chunk.
     ray_of: Vec<u32>,
 }
 
@@ -148,7 +148,7 @@ impl Pass {
         node.forward(job.isa, job.parameters, inputs, out, samples);
     }
 
-    /// Writes the clamped sigma of each sample, and replaces its raw density by d sigma / d raw.
+    /// Writes each sample's sigma, at most `SIGMA_LIMIT`, to `self.sigma`. Replaces the raw density by d sigma / d raw.
     fn activate_density(&mut self, job: Job<'_>, samples: usize) {
         let architecture = &job.graph.model.architecture;
         let (Some(layer), Some(activation)) = (job.graph.density, architecture.density) else { return };
@@ -172,7 +172,7 @@ impl Pass {
         }
     }
 
-    /// Does the colour branch's backward pass: `self.upper` changes from dL/d (rgb before sigmoid) to dL/d (trunk).
+    /// Does the colour branch's backward pass: `self.upper`, dL/d (rgb before sigmoid), becomes dL/d (trunk output).
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -187,7 +187,7 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of density and trunk. `colour`: whether `self.upper` holds the colour's dL/d (trunk).
+    /// Does the backward pass of density and trunk. `colour`: whether `self.upper` holds the colour branch's gradient.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {
@@ -219,7 +219,7 @@ impl Pass {
     }
 }
 
-/// Returns sigma, at most `SIGMA_LIMIT`, and its derivative; NaN stays NaN and shows in the loss.
+/// Returns sigma, at most `SIGMA_LIMIT`, and d sigma / d raw; NaN stays NaN and shows in the loss.
 pub(super) fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
     let (value, slope) = match activation {
         DensityActivation::Relu => {

@@ -10,10 +10,10 @@ pub enum Phase {
     /// Encoding of positions: interpolation of table entries.
     Encode,
     Forward,
-    /// Compositing weights, pixels, loss, and the gradients with respect to weights and pixels.
+    /// Volume rendering (weights of samples, pixels); the loss, and its gradients with respect to weights and pixels.
     Composite,
     Backward,
-    /// Addition of the samples' gradients to those of the table entries that they read.
+    /// Addition of each sample's gradient to the gradients of the table entries that the sample reads.
     Scatter,
     Adam,
     Occupancy,

@@ -16,7 +16,7 @@ use nerf_core::simd::{BLOCK, Isa};
 use std::borrow::Cow;
 use std::ops::Range;
 
-/// Trains a sinusoidal network with dfdx's derivatives: `--engine dfdx`, and the oracle of [`super::FusedEngine`].
+/// Engine that trains sinusoidal networks by dfdx's tape: `--engine dfdx`; oracle in tests of [`super::FusedEngine`].
 pub struct ReferenceEngine {
     graph: Graph,
     device: Cpu,
@@ -29,15 +29,15 @@ impl ReferenceEngine {
         Self::with_parameters(model, adam, &model.initial_parameters(seed))
     }
 
-    /// Creates an engine that starts from `parameters`, in the order of [`Model::layers`]. For the parameters of an
-    /// exported network, `model` is [`Model::plain`].
+    /// Creates an engine that starts from `parameters`, in the order of [`Model::layers`]. Parameters of an exported
+    /// network need a `model` made by [`Model::plain`].
     pub fn with_parameters(model: &Model, adam: Adam, parameters: &[f32]) -> Result<Self, EngineError> {
         let graph = Graph::new(model)?;
         let optimiser = Optimiser::new(&model.layers(), adam, parameters)?;
         Ok(Self { graph, device: Cpu::default(), optimiser })
     }
 
-    /// Returns sigma (1/world unit; empty in a 2D field) and colour at each position, seen along its direction.
+    /// Returns sigma (1/world unit; empty in a 2D field) and colour at each position. `dirs`: view direction at each.
     pub fn forward(
         &self,
         positions: &[[f32; 3]],

@@ -11,7 +11,7 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Number of samples of a full tape, which gets no further ray: some 300 MiB of activations for the 8×256 network.
+/// Number of samples at which a tape is full (gets no further ray): some 300 MiB of activations for the 8×256 network.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
 /// Parameters of one layer; main and extra inputs have separate matrices, as dfdx has no concatenation.
@@ -77,7 +77,7 @@ pub(super) fn add(to: &mut [f32], values: &[f32]) {
     to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
 }
 
-/// Arranges the samples of rays, listed ray after ray, as rows of a matrix `[rays][longest]`.
+/// Arrangement of a list of samples, ray after ray, as rows of a matrix padded to the longest ray: `[rays][longest]`.
 pub(super) struct Rows {
     device: Cpu,
     shape: (usize, usize),
@@ -87,7 +87,7 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    /// Arranges rays as rows. `samples`: number of samples of each ray, at least one of which is not 0.
+    /// Arranges rays as rows. `samples`: number of samples of each ray; at least one ray must have samples.
     pub(super) fn new(device: &Cpu, samples: &[usize]) -> Result<Self, EngineError> {
         let longest = samples.iter().copied().max().unwrap_or(0);
         let mut places = Vec::with_capacity(samples.len() * longest);
@@ -112,7 +112,7 @@ impl Rows {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
 
-    /// Returns `Σ_i weight_i x_i` over the samples of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0
+    /// Returns `Σ_i weight_i value_i` over the samples of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0
     /// after a ray's last sample; `values`: `[samples][channels]`.
     pub(super) fn sums(
         &self,

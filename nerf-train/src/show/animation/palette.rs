@@ -55,7 +55,7 @@ fn count(rgb: &[u8]) -> Vec<Counted> {
     pixels.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
 }
 
-/// Set of colours. `axis`: channel of largest `error`, the sum of squared deviations from the channel's mean, `mean`.
+/// Set of colours. `axis`: channel with the largest sum of squared deviations, `error`, from the channel's `mean`.
 struct Set {
     colours: Vec<Counted>,
     error: f64,

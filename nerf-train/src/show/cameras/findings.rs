@@ -6,7 +6,7 @@ use crate::data::pictures::thumbnail::Thumbnail;
 use crate::data::{Background, Dataset, View};
 use crate::model::config::{Preset, Surroundings};
 
-/// Camera colours, one for each group of photographs whose poses are consistent; further groups repeat them.
+/// Colours of cameras, by group of photographs with consistent poses; groups after the fourth repeat these colours.
 const GROUPS: [[f32; 3]; 4] =
     [[0.13, 0.39, 0.85], [0.90, 0.47, 0.06], [0.15, 0.58, 0.24], [0.55, 0.25, 0.68]];
 /// Colour of the cameras whose poses contradict the other photographs.

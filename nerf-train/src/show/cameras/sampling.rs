@@ -40,7 +40,7 @@ impl ShownRay {
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
-    /// Number of bins from near to far, each with one sample; for marched rays, largest number of samples of a ray.
+    /// Number of bins from near to far, each with one sample; if `marched`, largest number of samples of a ray.
     pub bins: u16,
     pub marched: bool,
     /// Number of rays of the training step; the first of these rays are shown.
@@ -115,8 +115,8 @@ impl Drawer<'_> {
         Ok((shown.collect(), facts))
     }
 
-    /// Batch of the step: `rays` rays, with their samples in occupied cells of `cells`; `None`: in the whole scene box.
-    /// `most`: number of samples at which the batch ends; 0: no limit. Marched rays ignore `most`.
+    /// Returns the step's batch of `rays` rays. Samples are in occupied cells of `cells`, or in the whole scene box if
+    /// `cells` is `None`. `most`: number of samples at which the batch ends (0: no limit); ignored for marched rays.
     fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
         let (mut batch, step) = (Batch::default(), u64::from(self.step));
         if !self.is_marched() {
@@ -134,7 +134,7 @@ impl Drawer<'_> {
         batch
     }
 
-    /// Whether rays are marched: the field is a learned grid and has an occupancy grid.
+    /// Returns whether rays are marched: true if the field has a learned grid and there is an occupancy grid.
     fn is_marched(&self) -> bool {
         self.occupancy.is_some() && self.config.network.grid.is_some()
     }

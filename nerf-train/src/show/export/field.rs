@@ -56,8 +56,8 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Distance along each ray at which the opacity reaches 1/2, world units; `None` if it stays below 1/2. Each ray is
-    /// `length` world units long, and has one sample in the middle of each of `steps` equal bins.
+    /// Distance along each ray at which the opacity reaches 1/2, world units; `None` if the opacity stays below 1/2.
+    /// Each ray is `length` world units long, and has one sample in the middle of each of `steps` equal bins.
     pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> anyhow::Result<Vec<Option<f32>>> {
         let delta = length / steps as f32;
         let points = |ray: &Ray| {

@@ -1,6 +1,6 @@
 //! Meshes as PLY, OBJ and binary glTF 2.0, points as PLY.
 //!
-//! The writers need no library: each is a header and a loop.
+//! The writers need no library: each writes a header, then loops over vertices and triangles.
 
 use super::{Mesh, Vertex};
 use crate::data::pictures::rgb::to_u8;
@@ -50,7 +50,7 @@ pub fn write_ply(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// Writes a mesh as OBJ: vertices `v x y z r g b` (as MeshLab and Blender read colours), normals `vn`, faces `f v//n`.
+/// Writes a mesh as OBJ: vertices `v x y z r g b` (colours for MeshLab and Blender), normals `vn`, faces `f v//n`.
 pub fn write_obj(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     written(path, |out| {
         writeln!(out, "# made by nerf-train")?;
@@ -107,7 +107,7 @@ pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// JSON document that describes the binary chunk: positions, normals, colours, indices, one after the other.
+/// JSON document of a GLB file. The binary chunk has `bytes` bytes: positions, normals, colours, indices, in order.
 fn document(mesh: &Mesh, bytes: usize) -> Value {
     let (count, indices) = (mesh.vertices.len(), 3 * mesh.triangles.len());
     let mut low = [f32::INFINITY; 3];

@@ -36,7 +36,7 @@ impl Lattice {
         (0..width * height).map(corner).collect()
     }
 
-    /// Optical depth at each corner of slice `z`: density times the side of a cube; 0 at the sides of the lattice.
+    /// Optical depth at each corner of slice `z`: density times the side of a cube; 0 at the outermost corners.
     pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
         let side = |i: usize| {
@@ -50,7 +50,7 @@ impl Lattice {
         Ok(found.into_iter().enumerate().map(depth).collect())
     }
 
-    /// Point of the box that is nearest to `point`.
+    /// Point of the box, without the layer of cubes around it, that is nearest to `point`.
     pub fn clamp(&self, point: Vec3) -> Vec3 {
         let last = self.cells.map(|count| count - 1);
         point.clamp(self.corner([1; 3]), self.corner(last))

@@ -1,9 +1,9 @@
 //! A scene for other programs: a triangle mesh, a point cloud, a volume, in the data's coordinates and units.
 //!
 //! ```text
-//! field ─► densities at a lattice ─► optical depths from outside ─► surface net ─► rays along its normals ─► PLY, OBJ, GLB
+//! field ─► densities at a lattice ─► optical depths from outside ─► surface net ─► rays along normals ─► PLY, OBJ, GLB
 //!      └─► volume: density and colour of every cell ─► NPZ
-//! views ─► rays at their median distance ─► points ─► PLY
+//! views ─► median distance along each ray ─► points ─► PLY
 //! ```
 
 mod field;
@@ -68,7 +68,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summary of an export before its file is written; `bounds` are relative to `origin`.
+    /// Summary with only file, kind and box; the caller sets the other fields. `bounds` are relative to `origin`.
     pub fn new(file: &Path, kind: &'static str, bounds: &SceneBox, origin: [f64; 3]) -> Self {
         let world = |corner: Vec3| [0, 1, 2].map(|axis| f64::from(corner[axis]) + origin[axis]);
         Self {

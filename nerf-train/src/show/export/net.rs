@@ -6,7 +6,7 @@ use glam::Vec3;
 use half::f16;
 
 pub(super) const NONE: u32 = u32::MAX;
-/// The twelve edges of a cube as pairs of corners; bits 0, 1, 2 of a corner are its x, y, z.
+/// The twelve edges of a cube as pairs of corner indices; corner (x, y, z), each 0 or 1, has index x + 2 y + 4 z.
 const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
@@ -20,7 +20,7 @@ pub(super) struct Net<'l> {
     lattice: &'l Lattice,
     /// Levels at the corners of the slice that was added last.
     below: Vec<f16>,
-    /// Vertex index of each cube of the last two layers, the lower layer first; [`NONE`] for a cube without a vertex.
+    /// Vertex index of each cube in the two topmost layers so far, lower layer first; [`NONE`]: cube without a vertex.
     layers: [Vec<u32>; 2],
     pub(super) positions: Vec<Vec3>,
     /// Unit normals, outward: opposite to the gradient of the levels in the vertex's cube.
@@ -41,8 +41,8 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Adds slice `z`; `above`: levels at its corners. Makes the vertices in the cubes between the previous slice and
-    /// this one. Then makes the faces of each crossed edge whose four cubes now have vertices.
+    /// Adds slice `z`; slices must be added in ascending order from 0. `above`: levels at the slice's corners. Makes
+    /// vertices in the cubes below the slice, then the faces of each crossed edge whose four cubes now have vertices.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);
@@ -76,7 +76,7 @@ impl<'l> Net<'l> {
         Ok(())
     }
 
-    /// Adds the faces of crossed edges in slice `z`, and between slices `z` and `z + 1`. `above`: levels of `z + 1`.
+    /// Adds the faces of crossed edges in slice `z` and from slice `z` to `z + 1`. `above`: levels of slice `z + 1`.
     fn faces(&mut self, z: usize, above: &[f16]) {
         let [width, height, _] = self.lattice.cells;
         let row = width + 1;
@@ -105,7 +105,7 @@ impl<'l> Net<'l> {
 }
 
 /// Mean of the points where the surface crosses the edges of a cube: position relative to the cube's lower corner, in
-/// units of the cube's side. `values`: levels at the corners, numbered as in [`EDGES`] (bit 0 of the index is x).
+/// units of the cube's side. `values`: levels at the corners, with indices as in [`EDGES`].
 fn crossing(values: &[f32; 8]) -> Vec3 {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
     let crossed = EDGES.iter().filter(|(a, b)| (values[*a] > 0.5) != (values[*b] > 0.5));

@@ -8,17 +8,17 @@ use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::LN_2;
 
-/// Ratio at and above which [`level`] is 1. At and below the inverse of this ratio, [`level`] is 0.
+/// Argument of [`level`] at and above which the level is 1. At and below the inverse, `1 / RANGE`, the level is 0.
 const RANGE: f32 = 1000.0;
-/// Limit on the sum of optical depths at a corner (opacity 15/16), applied when the next corner's sum is computed from
-/// it. With this limit, a decaying sum is small again soon after opaque matter.
+/// Largest optical depth (opacity 15/16) that the sum at one corner adds to the sum at the next corner. Without this
+/// limit, a decaying sum would stay large long after opaque matter.
 const DARK: f32 = 4.0 * LN_2;
 /// The nine directions from a corner to the next slice, as steps in x and y: straight, and to the eight neighbours.
 const ACROSS: [[isize; 2]; 9] =
     [[0, 0], [-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
 
 /// Level of a point, 0 to 1; above 0.5 inside the surface. `ratio`: density or optical depth, divided by its value at
-/// the surface. The level is linear in the logarithm of `ratio`, as both grow by factors across a surface.
+/// the surface. The level is linear in the logarithm of `ratio`, because the ratio grows by factors across a surface.
 pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
@@ -31,9 +31,9 @@ pub(super) struct OpticalDepth {
 }
 
 impl OpticalDepth {
-    /// Sums the optical depths `cells` of all slices ([`Lattice::cell_depths`]). `decay`: number of cells over which a
-    /// sum falls by a factor of about e; infinite: no decay. With decay, surfaces are visible from free space inside of
-    /// the box, too.
+    /// Sums optical depths over all slices. `cells`: [`Lattice::cell_depths`] of each slice. `decay`: number of cells
+    /// over which a sum falls by a factor of about e; infinite: no decay. With decay, surfaces are visible from free
+    /// space inside of the box, too.
     pub(super) fn new(lattice: &Lattice, cells: &[Vec<f16>], decay: f32) -> Self {
         let slices = cells.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
         let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
@@ -75,7 +75,7 @@ impl OpticalDepth {
         });
     }
 
-    /// Sums optical depths along nine directions, slice by slice in `order`. `keep`: as in [`Self::within_slices`].
+    /// Sums optical depths along [`ACROSS`], slice by slice in `order`. `keep`: as in [`Self::within_slices`].
     fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {

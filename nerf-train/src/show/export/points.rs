@@ -18,7 +18,7 @@ const PILOT: f64 = 1024.0;
 const OPAQUE: f32 = 0.5;
 
 /// Point cloud of about `count` points, at the median distances of the views' rays, in the colours seen there.
-/// `within`: box that limits the points. `plan` must output colours, opacity, median distances and normals.
+/// Points outside of the box `within` are left out. `plan` must output colours, opacity, median distances and normals.
 /// `each` is called with the number of finished views.
 pub fn points_of_views(
     renderer: &Renderer<'_>,

@@ -17,12 +17,12 @@ const BEFORE: f32 = 2.0;
 const SAMPLES: f32 = 4.0;
 /// Distance from a vertex to the end of its inward ray, cells. A vertex whose ray meets no surface is left out.
 const BEHIND: f32 = 8.0;
-/// Threshold distance, cells: a vertex stays in place if its ray meets the surface within this distance. Otherwise the
-/// vertex moves along the ray by the excess, rounded up to a quarter of a cell.
+/// Largest distance between a vertex and the surface behind the vertex, cells. If the surface is farther away, the
+/// vertex moves along its inward ray by the excess, rounded up to a quarter of a cell.
 const NEAR: f32 = 1.75;
 /// Length over which sums of optical depth fall by a factor of e, cells; used by [`Surface::VisibleFromInside`].
 const DECAY: f32 = 8.0;
-/// Number of times that each normal is averaged with its neighbours, as normals of single cells are noisy.
+/// Number of times that each normal is averaged with its neighbours, because normals of single cells are noisy.
 const NORMAL_PASSES: usize = 6;
 /// Number of vertices whose rays and colours are evaluated together.
 const BATCH: usize = 1 << 16;
@@ -41,10 +41,10 @@ pub enum Surface {
 
 /// Extracts the surface of a field as a mesh. Each vertex has the colour seen from outside, along its inward normal.
 ///
-/// The mesh is a surface net of the lattice's optical depths, or densities, with smoothed normals. For a visible
-/// surface, a vertex is left out if the opacity along its inward ray stays below 1/2. If the opacity crosses 1/2 far
-/// behind a vertex, the vertex moves to about two cells outside of the crossing. Closer vertices would make
-/// triangles intersect. `each` is called with the number of finished slices, counted over three passes of the lattice.
+/// The mesh is a surface net, of densities or of optical depths, with smoothed normals. For a visible surface, a vertex
+/// is left out if the opacity along the vertex's inward ray stays below 1/2. If the opacity crosses 1/2 far behind a
+/// vertex, the vertex moves inward, to about two cells in front of the crossing: closer vertices would make triangles
+/// intersect. `each` is called with the number of finished slices, summed over three passes of the lattice.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -89,7 +89,7 @@ pub fn mesh(
     }
 }
 
-/// Surface net of `surface`, from the optical depths of the lattice's cells.
+/// Surface net of `surface`. `cells`: [`Lattice::cell_depths`] of each slice; `each` gets the number of slices done.
 fn net<'l>(
     lattice: &'l Lattice,
     cells: Vec<Vec<f16>>,
@@ -120,7 +120,7 @@ fn net<'l>(
     Ok(net)
 }
 
-/// Averages each normal with those of the neighbours; a neighbour counts once for each shared triangle.
+/// Averages normals with neighbours' normals [`NORMAL_PASSES`] times; a neighbour counts once per shared triangle.
 fn smooth(normals: &mut [Vec3], triangles: &[[u32; 3]]) {
     for _ in 0..NORMAL_PASSES {
         let mut sums = normals.to_vec();
@@ -141,7 +141,7 @@ struct Place {
     surface: Vec3,
 }
 
-/// Returns the place of each vertex, moved as in [`mesh`]; `None` if the opacity along its ray stays below 1/2.
+/// Place of each vertex after the move that [`mesh`] describes; `None` for a vertex that is left out.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,
@@ -161,7 +161,7 @@ fn settled(
     Ok(rays.iter().zip(points).zip(crossings).map(place).collect())
 }
 
-/// Vertices with colours as seen along their inward normals; `None` for a vertex that is left out.
+/// Vertex for each place, with the colour seen along the inward normal; `None` where the place is `None`.
 fn coloured(
     field: &Field<'_, '_>,
     places: &[Option<Place>],

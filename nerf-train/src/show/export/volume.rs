@@ -15,20 +15,20 @@ use zip::write::FileOptions;
 /// Densities and colours at the centres of cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Volume {
-    /// Lower corner of the first cell, in the data's world, world units.
+    /// Lower corner of the first cell, world units: in the scene file's coordinates until the caller adds the origin.
     pub min: [f64; 3],
     /// Side of a cell, world units.
     pub cell: f32,
     /// Number of cells along x, y, z.
     pub cells: [usize; 3],
-    /// Densities, `[x][y][z]`, 1/world unit.
+    /// Density of each cell, 1/world unit; z varies fastest, then y.
     pub density: Vec<f32>,
-    /// Colours, `[x][y][z]`, display-encoded; black where the density is 0.
+    /// Display-encoded colour of each cell, in the order of `density`; black where the density is 0.
     pub rgb: Vec<[u8; 3]>,
 }
 
-/// Samples the field over a box with `resolution` cells along its longest side. Colours are means over six view
-/// directions, along the axes. `each` is called with the number of finished slices along x.
+/// Samples the field over a box with `resolution` cells along the box's longest side. Colours are means over six view
+/// directions: both directions along each axis. `each` is called with the number of finished slices along x.
 pub fn volume(
     field: &Field<'_, '_>,
     bounds: &SceneBox,

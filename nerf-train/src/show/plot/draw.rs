@@ -10,7 +10,7 @@ use plotters::prelude::*;
 use std::ops::Range;
 use std::sync::Once;
 
-/// Draws the line and the dots of a series, in its colour.
+/// Draws a series as a line, dots or a line with dots, depending on `marker`. `index` chooses the colour.
 pub(super) fn draw_series<DB: DrawingBackend, X: Ranged<ValueType = f64>>(
     chart: &mut ChartContext<'_, DB, Cartesian2d<X, RangedCoordf64>>,
     index: usize,
@@ -53,7 +53,7 @@ pub(super) fn clean(label: &str) -> String {
     label.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// Registers the compiled-in font as [`FONT`]. The plotting library measures text with it, also for SVG.
+/// Registers the compiled-in font as [`FONT`]. The plotting library measures text with this font, also for SVG.
 pub(super) fn register_font() {
     static DONE: Once = Once::new();
     DONE.call_once(|| {
@@ -70,7 +70,7 @@ const WIDEST: usize = 330;
 
 #[derive(Clone, Debug)]
 pub struct Label {
-    /// Text of the label; cut off if long, empty for none.
+    /// Text of the label, cut off if long; if empty, no label is drawn.
     pub text: String,
     /// Position of the point, in the units of the axes.
     pub at: (f64, f64),
@@ -79,7 +79,7 @@ pub struct Label {
 /// Rectangle that a point or a label covers: left, top, right, bottom, pixels.
 type Taken = [i32; 4];
 
-/// Draws labels beside points, with all positions in pixels of `root`; `area`: columns and rows for labels. A label
+/// Draws labels beside points; positions are in pixels of `root`. `area`: columns and rows that labels may use. A label
 /// avoids points and earlier labels; a thin line joins a label to a distant point. A label without room is left out.
 pub(super) fn draw_labels<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,

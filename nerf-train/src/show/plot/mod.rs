@@ -28,15 +28,15 @@ const NOTE_SIZE: f32 = 17.0;
 const KEY: i32 = 34;
 /// Approximate number of ticks of an axis.
 const TICKS: usize = 9;
-/// Largest magnitude of a plotted value, as the plotting library computes ticks in f64. Points with a larger value are
-/// left out. On a logarithmic axis, points below the inverse are left out, too.
+/// Largest magnitude of a plotted value; a limit is needed because the plotting library computes ticks in f64. Points
+/// with a larger value are left out. On a logarithmic axis, points with x below `1 / LARGEST` are left out, too.
 const LARGEST: f64 = 1e15;
 /// Font family that every SVG viewer has; in PNGs this name refers to the compiled-in font.
 const FONT: &str = "sans-serif";
 const INK: RGBColor = RGBColor(30, 30, 30);
 const GREY: RGBColor = RGBColor(90, 90, 90);
 
-/// Colours that the colour-blind can tell apart. The source's yellow is left out, as it vanishes on white.
+/// Colours that the colour-blind can tell apart. The source's yellow is left out, because yellow vanishes on white.
 /// Source: Okabe and Ito 2008, "Color universal design".
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
@@ -67,7 +67,7 @@ pub struct Series {
 /// Dashed horizontal line at a value to compare with.
 #[derive(Clone, Debug)]
 pub struct Reference {
-    /// Name in the legend; empty for none.
+    /// Name in the legend; if empty, the line is drawn but not in the legend.
     pub label: String,
     /// Value to compare with, in the unit of the vertical axis.
     pub y: f64,
@@ -131,7 +131,7 @@ impl LinePlot {
         Ok(paths)
     }
 
-    /// Whether the axes can show the point: no coordinate is too large, and x is above 0 on a logarithmic axis.
+    /// Whether the axes can show the point: no coordinate exceeds `LARGEST`; on a logarithmic axis, x ≥ `1 / LARGEST`.
     fn has_place(&self, (x, y): (f64, f64)) -> bool {
         x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
     }
@@ -241,8 +241,8 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the notes at the bottom, and one more if points were left out. Returns the row of pixels at which the
-    /// space for the chart ends. `top`: first row below the title.
+    /// Draws the notes at the bottom, and a further note if `left_out`, the number of points left out, is above 0.
+    /// Returns the row of pixels at which the space for the chart ends. `top`: first row of pixels below the title.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -348,8 +348,8 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Range of a logarithmic axis, and its ticks: at 1, 2 and 5 times the powers of ten. If these are more than [`TICKS`],
-/// ticks are at powers of ten, or every second of them, and so on. The range ends at ticks around the values.
+/// Range of a logarithmic axis, and the ticks: at 1, 2 and 5 times the powers of ten. If these are more than [`TICKS`],
+/// ticks are only at every n-th power of ten, where n depends on the number of decades. The range contains all values.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;

@@ -137,7 +137,7 @@ fn sheet(
     (!cells.is_empty()).then(|| contact_sheet(title, &cells, steps.len() + 1))
 }
 
-/// Writes pictures of a few validation views with ground truth and z_depth, and a contact sheet of them.
+/// Writes a picture and a z_depth picture of a few validation views, and a contact sheet of pictures and ground truth.
 fn write_views(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> anyhow::Result<()> {
     let names = FileNames::of(&dataset.val);
     let mut cells = Vec::new();

@@ -25,7 +25,7 @@ pub fn write(
     Ok(())
 }
 
-/// Writes `curve.csv`, `curve.png` and `curve.svg`.
+/// Writes `curve.csv`, and plots PSNR over steps as `curve.png` and `curve.svg`.
 fn write_curve(folder: &Path, photo: &Photo, outcome: &Outcome) -> anyhow::Result<()> {
     let mut table = Table::new(["step", "seconds", "batch_psnr_db", "psnr_db"]);
     let (mut batch, mut whole) = (Vec::new(), Vec::new());

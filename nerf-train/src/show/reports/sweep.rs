@@ -13,12 +13,12 @@ use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Largest number of curves in a plot. More curves cannot be told apart, and are merged.
+/// Largest number of curves in a plot. More could not be told apart; the runs are then combined into fewer curves.
 const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the sheet, pixels.
 const THUMBNAIL: usize = 256;
 
-/// Writes table.csv, report.md, plots and sheet.png of the finished runs into the folder; returns the records.
+/// Writes table.csv, report.md, sheet.png and plots of the finished runs into `folder`; returns the runs' records.
 pub fn write_report(folder: &Folder) -> anyhow::Result<Vec<Record>> {
     let records = records(folder)?;
     let path = &folder.path;
@@ -180,7 +180,7 @@ fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Ser
     curves.into_iter().map(series).collect()
 }
 
-/// Best and mean PSNR over all runs with the same value of `knob`, to plot in place of too many curves.
+/// Two curves over `knob`: best and mean PSNR of all runs with one value of `knob`. Drawn in place of too many curves.
 fn summarised(records: &[Record], knob: Knob) -> Vec<Series> {
     let of_value =
         |value: f64| drawn(records).filter(move |(r, _)| r.point.get(knob) == Some(value)).map(|(_, db)| db);
@@ -206,7 +206,7 @@ fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
     plot
 }
 
-/// Plot of every run's PSNR over its training time.
+/// Scatter plot of the runs: PSNR over training time.
 fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
     let title = format!("{}: PSNR over training time", folder.header.data);
     let mut plot = LinePlot::new(title, "training time, s", measured(folder.header.kind));

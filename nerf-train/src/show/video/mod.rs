@@ -16,7 +16,7 @@ use std::process::{ChildStdin, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 use std::{fs, io};
 
-/// Time after which ffmpeg is killed if it neither reads a frame nor, after the last frame, writes its output.
+/// Time after which ffmpeg is killed if it reads nothing of a frame or, after the last frame, writes nothing.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 /// Time in which ffmpeg must list its encoders.
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);
@@ -24,7 +24,7 @@ const LISTING_PATIENCE: Duration = Duration::from_secs(10);
 const LAST_WORDS: Duration = Duration::from_millis(200);
 /// Number of bytes that are kept of the list of encoders, which has about 20 KB.
 const LISTING_BYTES: usize = 1 << 20;
-/// Number of bytes that are kept of the end of ffmpeg's messages, which says why it failed.
+/// Number of bytes kept of ffmpeg's messages: the last ones, which tell why ffmpeg failed.
 const KEPT_BYTES: usize = 8 << 10;
 
 const X264: [&str; 4] = ["-c:v", "libx264", "-crf", "16"];
@@ -100,8 +100,8 @@ pub struct Mp4Writer {
 }
 
 impl Mp4Writer {
-    /// Starts ffmpeg for frames of `width` × `height` pixels; `fps`: frames per second. The last column or row of an
-    /// odd side is repeated, as 4:2:0 chroma needs even sides.
+    /// Starts ffmpeg for frames of `width` × `height` pixels; `fps`: frames per second. If `width` or `height` is odd,
+    /// the last column or row is repeated, because 4:2:0 chroma needs even numbers.
     pub fn create(
         ffmpeg: &Ffmpeg,
         path: impl AsRef<Path>,
@@ -173,8 +173,8 @@ impl Mp4Writer {
         }
     }
 
-    /// Waits for ffmpeg as long as its output file changes; `None` if ffmpeg hangs. Moving a long video's index to the
-    /// file's beginning takes time.
+    /// Waits for ffmpeg to end; `None` if its output file has not changed for `ffmpeg.patience`. After the last frame,
+    /// ffmpeg moves the index to the start of the file, which takes long for a long video.
     fn wait(&self) -> Option<ExitStatus> {
         /// Time between two checks whether ffmpeg has changed its output file, and so still works.
         const LOOK_EVERY: Duration = Duration::from_millis(100);
@@ -234,7 +234,7 @@ fn even(side: usize) -> usize {
     side.next_multiple_of(2)
 }
 
-/// Bytes of a frame as RGB; an odd side's last column or row is repeated.
+/// RGB bytes of a frame; if its width or height is odd, the last column or row is repeated.
 fn even_rgb8(frame: &Picture) -> Vec<u8> {
     let bytes = frame.to_rgb8();
     if frame.width.is_multiple_of(2) && frame.height.is_multiple_of(2) {

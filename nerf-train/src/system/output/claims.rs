@@ -115,7 +115,7 @@ impl Claims {
         self.derives(flag, path, Existing::Replace)
     }
 
-    /// Adds an output file whose name is derived from another file's. `existing`: what happens to a file of this name.
+    /// Adds an output file with a derived name. `what`: text for errors; `existing`: treatment of an existing file.
     pub fn derives(self, what: &str, path: &Path, existing: Existing) -> Self {
         self.output(what, path, Kind::File(existing))
     }
@@ -142,7 +142,8 @@ impl Claims {
         self
     }
 
-    /// Refuses an output that is an input, lies in an input folder, or is also another output; creates nothing.
+    /// Fails if an output is also an input or another output, lies in an input folder, has an invalid file
+    /// name, or must not replace an existing file. Creates nothing.
     pub fn check(&self) -> Result<(), ClaimError> {
         let mut taken: HashMap<Identity, &str> = HashMap::new();
         for output in &self.outputs {

@@ -33,7 +33,7 @@ pub enum Attempt {
     Create,
     /// Writing or flushing bytes to the disk.
     Write,
-    /// Renaming the finished file over its final name.
+    /// Renaming the finished file to its final name.
     Rename,
 }
 
@@ -155,7 +155,7 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Path into which another program writes before the commit; the program must not replace the file.
+    /// Path of the file, for another program to write into before the commit. The program must not replace the file.
     pub fn place(&self) -> &Path {
         match &self.sink {
             Sink::Temporary(buffer, _) => buffer.get_ref().path(),
@@ -234,8 +234,7 @@ fn cannot_link(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
 }
 
-/// Creates the folder with its parents, and tests that files can be written there. To be called before long work, so
-/// that an hour of training does not end in "permission denied".
+/// Creates the folder with its parents, and tests that files can be written there. To be called before long work.
 ///
 /// # Errors
 /// [`Attempt::CreateFolder`] or [`Attempt::ProbeFolder`].
@@ -271,7 +270,7 @@ impl Drop for Listed {
     }
 }
 
-/// Removes all temporaries, and blocks the creation of further ones. To be called when the process ends.
+/// Removes all temporary files and folders, and blocks the creation of new ones. To be called when the process ends.
 pub fn remove_temporaries() {
     let listed = lock(&TEMPORARIES);
     for path in &*listed {
@@ -295,7 +294,7 @@ fn remove_folder(path: &Path) {
     }
 }
 
-/// Builder of a hidden temporary. `mode`: permissions before the umask, 0o666 for a file and 0o777 for a folder.
+/// Builder of a hidden temporary file (`mode` 0o666) or folder (0o777). `mode`: permissions before the umask.
 fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     // A fixed short prefix: the target's name may already be as long as the file system allows.

@@ -1,11 +1,11 @@
-//! Free space: cells that lines of sight prove to be empty.
+//! Free space: cells proved empty by lines of sight, from cameras to the sparse points that their photographs show.
 
 use crate::capture::sights::{Sight, Sights};
 use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Fraction of a line of sight that counts as free: below 1, since points are inexact and surfaces slanted.
+/// Fraction of a line of sight from its camera that is free: below 1, since points are inexact and surfaces slanted.
 const FREE_SHARE: f32 = 0.85;
 /// Least number of crossings by lines of sight that proves a cell free; for a block, summed over its cells.
 const MIN_CROSSINGS: u32 = 3;
@@ -15,13 +15,13 @@ const ENDS: u32 = 4;
 const BLOCK: usize = 4;
 /// Lines of sight with a confidence below this are ignored.
 const MIN_CONFIDENCE: f32 = 0.15;
-/// Number of steps per side of a cell along a line of sight. Outside of the uncontracted ball, steps grow as cells do.
+/// Number of steps per side of a cell along a line of sight. Outside of the uncontracted ball, steps and cells grow.
 const STEPS_A_CELL: f32 = 2.0;
 
 /// Returns for each cell of an unbounded scene whether it is free, at index `(x ny + y) nz + z`.
 ///
-/// A cell is free if at least three lines of sight cross it, more than four times as many as end in it. All cells of a
-/// block of 4 × 4 × 4 are also free if together they are crossed at least three times, and no line ends in the block.
+/// A cell is free if lines of sight cross it at least three times, and more than four times per line that ends in it.
+/// All cells of a block of 4 × 4 × 4 are also free if they have at least three crossings in all and no line ends there.
 pub(crate) fn free_cells(
     bounds: SceneBox,
     resolution: [u16; 3],

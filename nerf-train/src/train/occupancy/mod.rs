@@ -17,12 +17,12 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// Least fraction of candidates that an update may leave occupied. A network without density must not empty the grid.
+/// An update that leaves a lower fraction of candidates occupied is not applied: zero density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// Divisor for the least number of views that must see a cell of the hull. The dividend is the number of views that see
-/// the most visible cell; the quotient is rounded up. This excludes space behind the scene, which few cameras see.
+/// Divisor of the number of views that see the most visible cell. A cell of the hull must be seen by at least the
+/// quotient, rounded up. This excludes space behind the scene, which few cameras see.
 const SEEN_SHARE: u32 = 4;
-/// Limit on the multiply-adds of a final update with eight points per cell. Above the limit, one point is evaluated.
+/// Limit on the multiply-adds of a final update with eight points per cell; above the limit, each cell gets one point.
 const SETTLE_MACS: usize = 300_000_000_000;
 /// Least compositing weight with which a training sample marks its cell as visible.
 const MARKED_WEIGHT: f32 = 3e-3;
@@ -339,7 +339,7 @@ impl Occupancy {
         }
     }
 
-    /// Marks candidate cells next to occupied cells as occupied.
+    /// Makes each candidate cell occupied that touches an occupied cell.
     fn dilate(&mut self) {
         let sides = self.live.resolution.map(i64::from);
         let live = self.lookup();

@@ -62,7 +62,7 @@ impl MarchCells {
         Lookup::new(&self.bits, self.resolution, self.resolution.map(f32::from), &self.bounds, ray)
     }
 
-    /// Lookup of blocks instead of cells; the last blocks may extend beyond the box.
+    /// Lookup of the blocks' bits `near` along `ray`. The last block of an axis may extend beyond the scene box.
     fn block_lookup(&self, ray: &Ray) -> Lookup<'_> {
         let sides = self.resolution.map(|side| f32::from(side) / BLOCK_SIDE as f32);
         Lookup::new(&self.near, self.blocks, sides, &self.bounds, ray)
@@ -79,7 +79,7 @@ struct Lookup<'a> {
 }
 
 impl<'a> Lookup<'a> {
-    /// Lookup along `ray`. `resolution`: number of cells along x, y, z. `sides`: exact sides of the box in cells.
+    /// Lookup of `bits`, one per cell or block, along `ray`. `sides`: sides of `bounds` in cells or blocks, unrounded.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -168,9 +168,9 @@ impl Op for March<'_> {
 /// Ray march of an unbounded scene; see [`March`]. `ray`: moved by [`Contraction::centred`]. `start`: world-space
 /// distance from the camera to the origin of `ray`. `first`, `step`: in units of `s` in [`Contraction::distance`].
 ///
-/// Contracted points are appended to `samples`, with step lengths in world units. The factor for a sample's gradient is
-/// the squared distance from the camera, in radii of the uncontracted ball, and at most 1. Without it, the many rays
-/// through cells near a camera would fill these cells with fog.
+/// Appends to `samples` contracted points, step lengths in world units, and factors on the samples' gradients. A factor
+/// is the squared distance from the camera, in radii of the uncontracted ball, and at most 1. Without these factors,
+/// the many rays through cells near a camera would produce floaters there.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".

@@ -21,7 +21,7 @@ use std::ops::Range;
 use std::time::{Duration, Instant};
 
 const CHUNK: usize = 128;
-/// Number of rays that one task marches together in an unbounded scene, whose rays are fewer and longer.
+/// Number of rays that one task marches in an unbounded scene. Batches have fewer, longer rays than in a bounded scene.
 const CONTRACTED_CHUNK: usize = 16;
 
 /// One in this number of rays of an unbounded scene is cast along a line of sight.
@@ -129,8 +129,8 @@ impl<'d> RayBank<'d> {
         self.cameras = cameras;
     }
 
-    /// Index of a view and a line of sight of this view, drawn for ray `index`. Only the first eighth of a batch follows
-    /// lines of sight; other rays have `None`.
+    /// Index of a view and a line of sight of this view, drawn for ray `index`. Only the first eighth of a batch
+    /// follows lines of sight; other rays have `None`.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
             return None;
@@ -139,7 +139,7 @@ impl<'d> RayBank<'d> {
         self.sights.get(scale(bits, self.sights.len() as u64) as usize)
     }
 
-    /// View index and pixel indices of all rays on the line that holds ray `index`. `None`: the ray is on no line.
+    /// View index and pixel indices of the line of pixels to which ray `index` belongs; `None` if the ray is on none.
     fn line(&self, step: u64, index: u64, rays: usize) -> Option<(usize, [usize; LINE])> {
         let first = index - index % LINE as u64;
         let on_lines = rays_on_lines(rays / SIGHT_SHARE, rays);
@@ -159,8 +159,8 @@ impl<'d> RayBank<'d> {
         self.drawn.as_ref().map_or(self.starts[self.views.len()], |pixels| pixels.len() as u64)
     }
 
-    /// Fills `batch` with the `rays` rays of step `step`. `live`: largest number of samples, 0 for no limit; rays that
-    /// would exceed it are left out. Samples lie in occupied cells of `occupancy`; without it, in the whole scene box.
+    /// Fills `batch` with at most `rays` rays of step `step`. The batch ends before a ray that would exceed `live`
+    /// samples (0: no limit). Samples lie in occupied cells; if `occupancy` is `None`, in the whole scene box.
     pub fn fill(
         &self,
         batch: &mut Batch,
@@ -333,7 +333,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Indices of a random view and of a pixel in it, as [`SamplingConfig::images`] states.
+    /// Indices of a random view and of an unmasked pixel in it, drawn as [`SamplingConfig::images`] states.
     fn random_pixel(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
         if self.sampling.images > 0 {
@@ -351,7 +351,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Iterates over rays `range` of a step's `rays` rays: index, (view, pixel) indices, ray, batch entry.
+    /// Iterates over rays `range` of a step's `rays` rays. Items: ray index, (view, pixel) indices, ray, batch entry.
     fn targets(
         &self,
         step: u64,
@@ -413,7 +413,7 @@ impl<'d> RayBank<'d> {
         (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
     }
 
-    /// Distance of the sample in bin `bin` of ray `index` in step `step`, world units; never decreases from bin to bin.
+    /// Distance of the sample in bin `bin` of ray `index` in step `step`, world units; at least that of the bin before.
     fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
         let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
         match self.sampling.jitter {
@@ -429,7 +429,7 @@ impl<'d> RayBank<'d> {
     }
 }
 
-/// Fills `batch` with `rays` rays; `march` marches `chunk` rays in one task. Returns the time, summed over threads.
+/// Appends `rays` rays to `batch`. Each parallel task calls `march` for `chunk` rays. Returns the tasks' summed time.
 fn marched(
     batch: &mut Batch,
     rays: usize,

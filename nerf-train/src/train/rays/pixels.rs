@@ -6,19 +6,19 @@ use crate::train::occupancy::is_foreground;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// One in this number of rays of an unbounded scene lies on a line.
+/// One in this number of rays of an unbounded scene passes through a pixel of a line of pixels.
 const LINE_SHARE: usize = 8;
-/// The smallest spacing of a line's pixels is a photograph's longer side divided by this.
+/// Divisor of a photograph's longer side. The quotient is the smallest spacing of the pixels of a line.
 const SPACINGS: usize = 60;
 
-/// Returns which of a batch's `rays` rays lie on lines: one in eight, none of the first `before`.
+/// Returns which of a batch's `rays` rays belong to lines of pixels: one in eight, none of the first `before`.
 pub(super) fn rays_on_lines(before: usize, rays: usize) -> Range<usize> {
     let first = before.next_multiple_of(LINE);
     first..first + rays / LINE_SHARE / LINE * LINE
 }
 
-/// Returns row-major indices of equally spaced pixels on the row or the column of `pixel`, 1, 2, 4 or 8 sixtieths of the
-/// longer side apart. Three random bits of `bits` choose row or column, and spacing. `None`: the photograph is too small.
+/// Row-major indices of equally spaced pixels on the row or the column of `pixel`, 1, 2, 4 or 8 sixtieths of the longer
+/// side apart. Three random bits of `bits` choose row or column, and spacing. `None`: the photograph is too small.
 pub(super) fn pixels_on_line((width, height): (u32, u32), pixel: usize, bits: u32) -> Option<[usize; LINE]> {
     let (width, height) = (width as usize, height as usize);
     let spacing = (width.max(height) / SPACINGS).max(1) << (bits & 3);
@@ -32,7 +32,7 @@ pub(super) fn pixels_on_line((width, height): (u32, u32), pixel: usize, bits: u3
 /// Margin around the foreground, pixels. Only pixels of the foreground and this margin are drawn for batches.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Indices of the pixels within [`FOREGROUND_MARGIN`] of the foreground; `None` if photographs do not show it.
+/// Indices of the unmasked pixels within [`FOREGROUND_MARGIN`] of foreground; `None` if `background` is unknown.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();

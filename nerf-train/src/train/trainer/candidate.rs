@@ -10,7 +10,7 @@ use std::borrow::Cow;
 
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
-/// Least optical thickness per march step of an occupied cell in the exported grid; training may use a lower one.
+/// Least optical thickness of occupied cells in the exported grid, over one march step. Training may use lower values.
 const EXPORTED: f32 = 0.03;
 
 /// The field and occupancy grid of a run at one step, as they would be exported.
@@ -25,7 +25,7 @@ pub struct Candidate {
     pub architecture: Option<Architecture>,
 }
 
-/// Facts about an exported blob that the trainer does not know.
+/// Facts that are written into an exported blob and that the trainer does not know.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
     /// Whether the field must be rendered with its occupancy grid.
@@ -36,9 +36,9 @@ pub struct About<'a> {
 }
 
 impl Candidate {
-    /// Copies the present state of the run. If `settle`, evaluates the cells a last time and, in an unbounded scene,
-    /// empties cells in which no sample had enough weight; needed only at the end of a run. Without a learned feature
-    /// grid, evaluates the cells in any case.
+    /// Copies the present state of the run. `settle`, used at the end of a run: evaluates the cells a last time and, in
+    /// an unbounded scene, empties cells in which no sample had enough weight. Without a learned feature grid, the
+    /// cells are evaluated even if `settle` is false.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let averaged = trainer.state.average.values().map(Cow::Borrowed);
         let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());

@@ -59,14 +59,14 @@ pub struct Trainer<'d> {
     /// Lines of sight from the training cameras to key points, in an unbounded scene.
     pub(crate) sights: Option<Sights>,
     cells: Option<MarchCells>,
-    /// Batch of the next step, filled while this step is computed, and its ray march; `None` if not filled.
+    /// Ray march of the next step's batch, and that batch, filled during the present step; `None` if it is not filled.
     prefetched: (Option<March>, Batch),
     phases: Phases,
     pub(crate) fingerprint: u64,
 }
 
 impl<'d> Trainer<'d> {
-    /// Prepares the first step: bounds, hull, rays, initial values.
+    /// Trainer before its first step, with scene bounds, initial occupancy and initial parameters.
     pub fn new(dataset: &'d Dataset, config: Config, kernel: Kernel) -> Result<Self, TrainError> {
         config.check()?;
         let unbounded = config.sampling.contraction.is_some();
@@ -291,7 +291,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Marks cells with samples of enough weight in the last step, in an unbounded scene; see [`MARKED_FROM`].
+    /// In an unbounded scene, marks cells of the last step's samples of enough weight as visible; see [`MARKED_FROM`].
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
@@ -424,7 +424,7 @@ impl March {
     }
 }
 
-/// Number of rays for the configured number of samples. `live_per_ray`: 0 if not known. `margin`: factor on the result.
+/// Number of rays for the configured number of samples, times `margin`. `live_per_ray`: samples per ray, 0 if unknown.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)

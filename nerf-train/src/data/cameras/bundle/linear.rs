@@ -8,8 +8,8 @@ use glam::{DMat3, DQuat, DVec3};
 /// device, a column per coordinate of the point. A device has fewer parameters than a pose: its last rows are 0.
 type Block = [DVec3; POSE];
 
-/// Derivatives of a residual with respect to the parameters of one pose or device: index of the first parameter among
-/// all unknowns, then the derivatives of the residual's x and y.
+/// Derivatives of a residual with respect to the parameters of one pose or device: index of the first of these
+/// parameters among the unknowns of [`Reduced`], then the derivatives of the residual's x and of the residual's y.
 type Rows = (usize, [[f64; POSE]; 2]);
 
 /// Normal equations of all poses and devices, with the points eliminated. `matrix` is `size` × `size`, row by row; only
@@ -138,8 +138,8 @@ impl<'a> Reduced<'a> {
     }
 }
 
-/// Solves `matrix` x = `right` in place by Cholesky factorisation; `None` if `matrix` is not positive definite.
-/// `matrix`: symmetric, `size` × `size`, row by row; only its lower triangle is read.
+/// Solves `matrix` x = `right` by Cholesky factorisation; `x` replaces `right`. `None` if `matrix` is not positive
+/// definite. `matrix`: symmetric, `size` × `size`, row by row; only the lower triangle is used, and overwritten.
 fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
     for i in 0..size {
         let (above, row) = matrix.split_at_mut(i * size);

@@ -69,7 +69,7 @@ pub(crate) struct Observation {
     pub(crate) at: DVec2,
 }
 
-/// Input and result of bundle adjustment; `observations` are sorted by point.
+/// Input and result of bundle adjustment. [`Bundle::adjust`] sorts `observations` by point.
 #[derive(Clone, Debug)]
 pub(crate) struct Bundle {
     pub(crate) devices: Vec<Device>,
@@ -78,7 +78,7 @@ pub(crate) struct Bundle {
     pub(crate) observations: Vec<Observation>,
 }
 
-/// Residual (x, y) of an observation, pixels, and its derivatives with respect to pose, device and point.
+/// Residual (x, y) of an observation, pixels, and the residual's derivatives by pose, device and point.
 struct Jacobian {
     residual: DVec2,
     pose: [[f64; POSE]; 2],
@@ -129,7 +129,7 @@ impl Bundle {
         })
     }
 
-    /// Reprojection errors of all observations, pixels; infinite for a point behind its camera.
+    /// Reprojection errors of all observations, pixels; infinite if the point is not in front of the camera.
     pub(crate) fn errors(&self) -> Vec<f64> {
         let error = |seen| self.residual(seen).map_or(f64::INFINITY, DVec2::length);
         self.observations.iter().map(error).collect()
@@ -159,7 +159,7 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Adjusts cameras, devices and points, then [aligns](align) them with `anchor`; returns the number of iterations.
+    /// Adjusts poses, devices and points, then [fits](align) the result to `anchor`. Returns the number of iterations.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
@@ -187,7 +187,7 @@ impl Bundle {
 }
 
 /// Rotates, scales and shifts cameras and points so that the camera centres best fit `anchor`, one position per camera.
-/// With fewer than two distinct positions, nothing is moved.
+/// Moves nothing if all camera centres or all positions of `anchor` coincide.
 fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     let centres: Vec<DVec3> = bundle.photographs.iter().map(Photograph::centre).collect();
     let mean = |places: &[DVec3]| places.iter().sum::<DVec3>() / places.len().max(1) as f64;

@@ -86,7 +86,7 @@ impl Place {
         })
     }
 
-    /// Folder for the reconstructions of `way`, which COLMAP writes to its subfolder `sparse`.
+    /// Folder for the results of `way`. COLMAP writes the reconstructions to the subfolder `sparse` of this folder.
     pub(crate) fn models(&self, way: Way) -> PathBuf {
         self.work.join(match way {
             Way::Exhaustive => "exhaustive",

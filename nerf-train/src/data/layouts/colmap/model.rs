@@ -62,14 +62,14 @@ static KINDS: [Kind; 18] = {
 const EXPECTED: &str = "a camera model that there is a lens for: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, \
                         FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE";
 
-/// Lens from the parameters `k1 k2 p1 p2 k3 k4 k5 k6`; missing ones are 0.
+/// Perspective lens from the parameters `k1 k2 p1 p2 k3 k4 k5 k6`; missing parameters are 0.
 fn radial_tangential(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
     let [k1, k2, p1, p2, k3, k4, k5, k6] = std::array::from_fn(at);
     Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection: Projection::Perspective }
 }
 
-/// Lens from the parameters `k1 k2 k3 k4`; missing ones are 0.
+/// Fisheye lens from the parameters `k1 k2 k3 k4`; missing parameters are 0.
 fn fisheye(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
     Lens { k1: at(0), k2: at(1), k3: at(2), k4: at(3), projection: Projection::Fisheye, ..Lens::NONE }

@@ -30,8 +30,8 @@ impl Lines {
         DatasetError::value(&self.file, format!("line {}, {field}", self.at), expected, found.into())
     }
 
-    /// The next line without its end, or `None` at the end of the file. A last line without a line end is an error: a
-    /// truncated file may have lost digits of a number.
+    /// Returns the next line, even if empty or a comment, without its line end; `None` at the end of the file. A last
+    /// line without a line end is an error: a truncated file may have lost digits of a number.
     fn any(&mut self) -> Result<Option<String>, DatasetError> {
         let mut line = Vec::new();
         let read = self.stream.by_ref().take(MAX_LINE).read_until(b'\n', &mut line);

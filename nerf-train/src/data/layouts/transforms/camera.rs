@@ -89,8 +89,8 @@ impl Place<'_> {
         }
     }
 
-    /// Lens of the view. In polynomial models, k4 is nerfstudio's coefficient of r^8, which [`Lens`] does not have. If
-    /// k4 shifts the farthest corner by at most half a pixel, k4 is dropped, with a note; otherwise k4 is an error.
+    /// Lens of the view. In polynomial models, k4 is nerfstudio's coefficient of r^8; [`Lens`] has no such coefficient.
+    /// If k4 shifts the farthest corner by at most half a pixel, k4 is dropped, with a note; otherwise k4 is an error.
     fn lens(
         &self,
         fields: &CameraFields,

@@ -71,12 +71,10 @@ struct CameraFields {
     p2: Option<f64>,
 }
 
-/// Values of `camera_model` for lenses without fisheye distortion. If the json's `is_fisheye` is true, a lens with one
-/// of these values nevertheless has fisheye coefficients.
+/// Values of `camera_model` that select polynomial distortion, or fisheye distortion if the field `is_fisheye` is true.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// The coefficient k4 of a polynomial lens is dropped if it shifts the picture's farthest corner by at most this,
-/// pixels. Otherwise k4 is an error.
+/// Shift of the farthest corner, pixels, up to which a polynomial lens's k4 is dropped; a k4 with more is an error.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {

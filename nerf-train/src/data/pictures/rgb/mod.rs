@@ -140,15 +140,15 @@ impl Picture {
     }
 }
 
-/// A value in [0, 1] as a byte: clamped, rounded half up; NaN gives 0.
+/// Converts a value to a byte: clamped to [0, 1], scaled by 255, rounded half up; NaN gives 0.
 pub(crate) fn to_u8(value: f32) -> u8 {
     // NaN passes through `clamp`; the cast turns it into 0.
     (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8
 }
 
-/// RGBA bytes `[n * 4]`, straight alpha, of a render over black: `rgb_over_black`, display-encoded, `[n]`, and
-/// `opacity`, in [0, 1], `[n]`. The colour is divided by the opacity *as stored* in 8 bits, so that compositing the
-/// file over black gives the render again to within rounding. Where the opacity rounds to 0, the pixel is transparent
+/// Converts a render over black to RGBA bytes with straight alpha, `[n * 4]`. `rgb_over_black`: display-encoded, `[n]`.
+/// `opacity`: in [0, 1], `[n]`. The colour is divided by the opacity *as stored* in 8 bits, so that compositing the
+/// bytes over black gives the render again to within rounding. Where the opacity rounds to 0, the pixel is transparent
 /// black. Pixels beyond the shorter input are left out.
 pub fn straight_rgba8(rgb_over_black: &[[f32; 3]], opacity: &[f32]) -> Vec<u8> {
     let pixel = |(rgb, &opacity): (&[f32; 3], &f32)| {

@@ -1,4 +1,4 @@
-//! Adam for entries that have a gradient, and the steps at which each level of the tables is updated.
+//! Adam for values whose gradient is not 0, and the steps at which each level of the tables is updated.
 //!
 //! Adam costs as much for a small gradient as for a large one, and the hashed levels have most of a grid's entries. To
 //! save time, a hashed level is updated only at every `hashed_every`th step, by the sum of its gradients since the last
@@ -95,7 +95,7 @@ pub(super) fn move_values(
     }
 }
 
-/// Returns `1/√x` of a normal number with a relative error of at most 5e-6, faster than a root and a division.
+/// Returns `1/√x` with a relative error of at most 5e-6, faster than a root and a division. `x`: positive, normal.
 ///
 /// # Source
 /// Lomont 2003, with two Newton iterations.

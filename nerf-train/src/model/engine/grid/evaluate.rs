@@ -34,7 +34,7 @@ pub(super) struct Evaluated {
     alive: Vec<usize>,
     /// For each sample of the chunk, in the order of the batch: its row in the buffers.
     pub row_of: Vec<u32>,
-    /// For each row of the buffers: index in the batch of its sample.
+    /// For each row of the buffers: index of the row's sample in the batch.
     pub index_of: Vec<u32>,
     pub deltas: Vec<f32>,
     /// Encoded positions, `[rows][padded channels]`.
@@ -119,7 +119,7 @@ impl Evaluated {
         }
     }
 
-    /// Sets the states of `rays` to "no sample evaluated yet". Returns the index after their last sample.
+    /// Resets the states of `rays` to no evaluated samples. Returns the index in the batch after the rays' samples.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();

@@ -25,7 +25,7 @@ impl Product {
         Self { inputs, outputs, forward: vec![0.0; forward], backward: vec![0.0; backward] }
     }
 
-    /// Copies columns `first..first + inputs` of `weights`, `[outputs][row]`. `row`: number of main and extra inputs.
+    /// Copies columns `first..first + inputs` of `weights`, `[outputs][row]`. `row`: number of main plus extra inputs.
     fn load(&mut self, weights: &[f32], row: usize, first: usize) {
         let (across, back) = (padded(self.outputs), padded(self.inputs));
         for (output, weights) in weights.chunks_exact(row).take(self.outputs).enumerate() {
@@ -76,7 +76,7 @@ impl Product {
 #[derive(Clone, Debug)]
 pub(super) struct Layer {
     dense: Dense,
-    /// Weights of the main inputs: outputs of the layer before or, in the first layer, the encoded position.
+    /// Weights of the main inputs, which are an earlier layer's outputs or the encoded position.
     pub main: Product,
     /// Weights of the extra inputs, which are the encoded direction; `None` in a layer without extra inputs.
     pub extra: Option<Product>,

@@ -85,7 +85,7 @@ pub struct GridEngine {
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    /// Copy of the tables in f16, which training reads: half the memory traffic, and the values of an f16 export.
+    /// Copy of the tables in f16, which training reads: half the memory traffic of f32, and the values of an f16 file.
     halves: Vec<u8>,
     level_scratch: Vec<Mutex<LevelScratch>>,
     /// For each level: gradient summed since the level's last update, or `None` if every step updates the level.

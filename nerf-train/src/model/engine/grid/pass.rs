@@ -1,4 +1,4 @@
-//! Forward and backward passes over chunks of rays. An accumulator sums the loss and the gradients of its chunks.
+//! Forward and backward passes over chunks of rays. An accumulator (`Pass`) sums loss and gradients of several chunks.
 
 use super::evaluate::Evaluated;
 use super::layers::{LayerSums, Layers};
@@ -51,9 +51,9 @@ pub(super) struct Pass {
     pub totals: Totals,
     pub sums: LayerSums,
     pub kept: Kept,
-    /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
+    /// For each ray with a known photograph: index of the photograph, and gradient with respect to its log gain.
     pub gains: Vec<(u32, [f32; 3])>,
-    /// For each ray whose photograph is known: index in the batch, and rendered minus target colour.
+    /// For each ray with a known photograph: index of the ray in the batch, and rendered minus target colour.
     pub errors: Vec<(u32, [f32; 3])>,
     /// Gradients of the loss with respect to the rays; empty if not requested.
     pub rays: Vec<RayGradient>,
@@ -150,7 +150,7 @@ impl Scratch {
         }
     }
 
-    /// Returns the sum of squared errors. Sets `by_shown`, `by_transmittance` and, from all other losses, `by_weight`.
+    /// Returns the sum of squared errors. Sets `by_shown`, `by_transmittance`, and `by_weight` for all other losses.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         let read = (&self.evaluated, &self.samples);
@@ -212,7 +212,7 @@ impl Scratch {
         by_weight.iter_mut().for_each(|g| *g *= weight);
     }
 
-    /// Backward pass from the gradients that `loss` sets: adds the gradients of layers and of samples to `pass`.
+    /// Does the backward pass from the gradients that `loss` sets. Adds layers' gradients and kept samples to `pass`.
     fn backward(&mut self, job: &Job<'_>, batch: &Batch, first_ray: usize, pass: &mut Pass) {
         let Self { evaluated, samples, shade, by_weight, upper, lower, .. } = self;
         let chunk = Shaded { batch, first_ray, states: &evaluated.rays, samples };
@@ -291,7 +291,7 @@ fn raw_densities(
     }
 }
 
-/// Returns a channel's error `shown − rgb`; with a gain other than 1, 0 if `rgb` is clipped at white and `shown` above.
+/// Returns a channel's error `shown − rgb`, or 0 if `gain` is not 1, `rgb` is clipped at white and `shown` is above 1.
 fn clipped_error(shown: f32, rgb: f32, gain: f32) -> f32 {
     if gain != 1.0 && rgb >= CLIPPED && shown > 1.0 { 0.0 } else { shown - rgb }
 }

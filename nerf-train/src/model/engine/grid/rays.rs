@@ -84,7 +84,7 @@ impl RayScratch {
 /// the sample before it; for the first sample, any finite number.
 ///
 /// # Source
-/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: without the term 1/3 Σ w_i² δ_i, as widths δ_i are given.
+/// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: no term 1/3 Σ w_i² δ_i, since the batch fixes widths δ_i.
 pub(super) fn distortion_gradient(weights: &[f32], gaps: &[f32], gradient: &mut [f32]) {
     // Two sums over the samples in front: of weights, and of weights times distances.
     let (mut sum, mut moment) = (0.0, 0.0);

@@ -42,9 +42,9 @@ pub struct GridReferenceEngine {
 
 #[derive(Default)]
 struct OfRays {
-    /// For each ray: index of its photograph, and gradient of the loss with respect to that photograph's log gain.
+    /// For rays with a gain: index of the photograph, and gradient with respect to the photograph's log gain.
     gains: Vec<(u32, [f32; 3])>,
-    /// For each ray whose photograph is known: index in the batch, and rendered minus photographed colour.
+    /// For each ray with a known photograph: index of the ray in the batch, and rendered minus photographed colour.
     errors: Vec<(u32, [f32; 3])>,
 }
 
@@ -63,8 +63,8 @@ impl GridReferenceEngine {
     /// Creates an engine with the initial values of `seed`; `bounds`: the box that the grid spans.
     ///
     /// # Errors
-    /// [`EngineError::Model`], [`EngineError::NoGrid`], [`EngineError::NotPlain`] as [`super::GridEngine::new`], and
-    /// [`EngineError::NoDensity`] for a 2D field.
+    /// [`EngineError::Model`] for an invalid model, [`EngineError::NoGrid`] for a model without a grid,
+    /// [`EngineError::NotPlain`] for a model that no grid engine can train, [`EngineError::NoDensity`] for a 2D field.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         if model.architecture.density.is_none() {
@@ -228,7 +228,7 @@ impl GridReferenceEngine {
         Ok((loss, gradients))
     }
 
-    /// Applies Adam to all layers, and to each level whose turn is this step; accumulates the other levels' gradients.
+    /// Applies Adam to all layers and to the levels that this step updates; accumulates the other levels' gradients.
     fn update(&mut self, mut gradients: Vec<f32>, rate: f64) -> Result<(), EngineError> {
         let step = self.state.steps + 1;
         let (features, mut first) = (usize::from(self.grid.features), 0);

@@ -36,13 +36,13 @@ impl Samples {
         self.row.len()
     }
 
-    /// Returns the features that density and colour read: the last trunk layer's outputs, else encoded positions.
+    /// Returns the features that density and colour read: outputs of the trunk or, without a trunk, encoded positions.
     pub fn features(&self) -> &[f32] {
         self.hidden.last().unwrap_or(&self.encoded)
     }
 
-    /// Keeps the samples of compositing weight above [`GATE`] or, with Russian roulette, as [`ROULETTE_WEIGHT`] states.
-    /// `first`: index in the batch of the chunk's first sample.
+    /// Keeps samples by compositing weight: all above [`GATE`] or, with Russian roulette, all above [`ROULETTE_WEIGHT`]
+    /// and a random choice of the others. `first`: index in the batch of the chunk's first sample.
     pub fn keep(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &mut Evaluated, first: usize) {
         let stride = padded(evaluated.index_of.len());
         grow(&mut self.passed, stride);

@@ -85,7 +85,7 @@ pub(super) struct LevelState<'a> {
 /// Gradient of the loss with respect to the values of a level; Adam's update resets it to 0.
 #[derive(Clone, Debug)]
 pub(super) struct LevelSum {
-    /// Gradient, `[entries][features]`, and one part of padding, as entries are written in adjacent pairs.
+    /// Gradient, `[entries][features]`, padded to whole parts of [`PART`] values and by one more part.
     gradient: Vec<f32>,
     /// For each part: whether a written pair of adjacent entries begins in it. The pair may end in the next part.
     touched: Vec<bool>,
@@ -118,8 +118,8 @@ pub(super) struct LevelScratch {
     pub phases: Phases,
 }
 
-/// Buffers for the fields of [`GridCorners`], for a block of samples: `entry`, `[rows][BLOCK]`; `weight`,
-/// `[rows][BLOCK]`; and `x`, `[BLOCK]`. A row is a pair of cell corners that are neighbours in x.
+/// Buffers for the fields of [`GridCorners`] for a block of samples: `entry` and `weight`, `[rows][BLOCK]`; `x`,
+/// `[BLOCK]`. Each pair of cell corners that are neighbours in x has one row.
 type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {

@@ -69,8 +69,8 @@ impl Shade {
         Self { coloured: vec![Vec::new(); layers.colour.len()], ..Self::default() }
     }
 
-    /// Does the backward pass of the colour branch, and adds its weights' gradients to `sums`. `self.upper`: dL/d
-    /// (colour before the sigmoid) before the call, dL/dP after it. `by_rays`: whether to set `self.by_encoded_dir`.
+    /// Adds the gradients of the colour branch's weights to `sums`. Replaces `self.upper`, the gradient with respect to
+    /// the branch's output before the sigmoid, by dL/dP. `by_rays`: whether to set `self.by_encoded_dir`, too.
     fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {
@@ -139,8 +139,8 @@ impl Shade {
         [0, 1, 2].map(|k| self.rows[row].opacity * rgb[row * VECTOR + k])
     }
 
-    /// Returns the gradient of the loss with respect to the direction of each ray that has kept samples. Only the part
-    /// of the gradient through the colour branch. Valid after the backward pass of a batch that requests ray gradients.
+    /// Returns, for each ray with kept samples, the gradient of the loss with respect to the direction that the colour
+    /// branch reads. Valid only after the backward pass of a batch that requests ray gradients.
     pub fn by_directions(&self, job: &Job<'_>, chunk: Shaded<'_>) -> impl Iterator<Item = Vec3> {
         let outputs = match job.model.architecture.direction {
             Some(direction @ DirectionEncoding::SphericalHarmonics { .. }) => direction.outputs(),
@@ -152,8 +152,8 @@ impl Shade {
         })
     }
 
-    /// Does the backward pass from `by_shown`, dL/d (each ray's composited colour). Adds the colour branch's gradients
-    /// to `sums`, and dL/dw_i to `by_weight`. Writes dL/dh_i to `by_features`, `[samples][padded features]`.
+    /// Does the backward pass from `by_shown`, the gradients with respect to the rays' composited colours. Adds dL/dw_i
+    /// to `by_weight` and layer gradients to `sums`. Writes dL/dh_i to `by_features`, `[samples][padded features]`.
     pub fn backward(
         &mut self,
         job: &Job<'_>,

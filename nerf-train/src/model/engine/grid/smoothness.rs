@@ -26,7 +26,7 @@ use std::ops::Range;
 const EDGE: f32 = 20.0;
 /// Residual above which the loss is about linear instead of quadratic.
 pub(super) const SOFT: f32 = 0.01;
-/// Sample distances below this number of radii of the uncontracted ball are raised to it.
+/// Smallest distance of a sample, in radii of the uncontracted ball; smaller distances are raised to this distance.
 const NEAREST: f32 = 1e-3;
 
 /// Three neighbouring rays on a line.
@@ -35,7 +35,7 @@ pub(super) struct Triple {
     pub first: usize,
     /// Factors `f_k` of the three disparities: `r = Σ_k f_k D_k`.
     pub factors: [f32; 3],
-    /// Weight of the triple in the batch's loss: `exp(−20 e)` times the loss's weight over the number of rays.
+    /// Weight of the triple in the batch's loss: `exp(−20 e)` · weight of the smoothness loss / number of rays.
     pub weight: f32,
 }
 
@@ -65,7 +65,7 @@ pub(super) fn disparity(batch: &Batch, contraction: &Contraction, ray: usize, sa
 }
 
 /// Adds the gradient of the smoothness loss with respect to each kept sample's weight to `by_weight`.
-/// `rays`: range of the chunk's rays in the batch, which holds whole lines.
+/// `rays`: indices in the batch of the chunk's rays. The chunk must hold whole lines.
 pub(super) fn add_gradient(
     batch: &Batch,
     rays: Range<usize>,

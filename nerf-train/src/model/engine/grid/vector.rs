@@ -4,7 +4,7 @@ use crate::model::engine::graph::VECTOR;
 use nerf_core::math::polynomial::exp;
 use nerf_core::simd::{Lanes, Op};
 
-/// Computes `out[i] = exp(min(x[i] + bias, limit))`; NaN stays NaN. The length is a multiple of [`VECTOR`].
+/// Computes `out[i] = exp(min(x[i] + bias, limit))`; NaN stays NaN. The length must be a multiple of [`VECTOR`].
 pub(super) struct Exponentials<'a> {
     pub x: &'a [f32],
     pub bias: f32,
@@ -83,7 +83,7 @@ impl Op for Mask<'_> {
     }
 }
 
-/// Transposes `channels`, `[channels][stride]`, to rows of `count` samples, `rows[i * width + channel]`.
+/// Transposes `channels`, `[channels][stride]`, to `rows`, `[count][width]`: a row per sample, a column per channel.
 pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut [f32], width: usize) {
     for (channel, values) in channels.chunks_exact(stride).enumerate() {
         for (row, &value) in rows.chunks_exact_mut(width).zip(&values[..count]) {
@@ -92,7 +92,7 @@ pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut 
     }
 }
 
-/// Fills `to`, whose length is a multiple of [`VECTOR`], from the start of `from`; inline, as a call would take longer.
+/// Fills `to`, whose length must be a multiple of [`VECTOR`], from the start of `from`, without a call of `memcpy`.
 pub(super) fn copy_row(from: &[f32], to: &mut [f32]) {
     for (to, from) in to.as_chunks_mut::<VECTOR>().0.iter_mut().zip(from.as_chunks::<VECTOR>().0) {
         *to = *from;

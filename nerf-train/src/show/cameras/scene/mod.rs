@@ -198,7 +198,7 @@ impl Scene {
         }
     }
 
-    /// Sentence that names the shown rays and samples, their scene and the units.
+    /// Sentence with the numbers of rays and samples, near and far, the extent of the scene and the unit of length.
     pub fn facts(&self) -> String {
         let s = &self.step;
         let of = match self.alone {

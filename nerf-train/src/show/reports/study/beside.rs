@@ -4,7 +4,7 @@ use crate::measure::point::Clock;
 use crate::show::plot::{Marker, Series};
 use std::path::Path;
 
-/// Pareto front in the points.csv at `path`: PSNR over seconds per view, as a series named after the file's folder.
+/// Pareto front in the points.csv at `path`: PSNR over wall or CPU seconds per view, named after the file's folder.
 pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     let refused = |found: String| {
         anyhow::anyhow!("--beside: {}: expected the points.csv of a study, found {found}", path.display())
@@ -43,7 +43,7 @@ pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
 mod tests {
     use super::*;
 
-    /// Front of a points.csv with the content `text`, in a folder named `classic`.
+    /// Pareto front of a points.csv with the content `text`, in a folder named `classic`.
     fn read(text: &str, clock: Clock) -> anyhow::Result<Series> {
         let folder = tempfile::tempdir().expect("a folder");
         let table = folder.path().join("classic/points.csv");

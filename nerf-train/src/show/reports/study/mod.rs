@@ -1,4 +1,4 @@
-//! Report of a study: points.csv, report.md, a plot of the Pareto front, pictures of its ends, summary.json.
+//! Report of a study: points.csv, report.md, a plot of the Pareto front, pictures of the front's ends, summary.json.
 
 mod beside;
 mod markdown;
@@ -31,7 +31,7 @@ pub struct Setting<'a> {
     pub beside: Vec<Series>,
 }
 
-/// Results of a study, computed once.
+/// Results of a study that several files of the report use.
 pub struct Findings<'s, 'a, 'b> {
     pub study: &'s Study<'a, 'b>,
     pub totals: Vec<Totals>,

@@ -1,4 +1,4 @@
-//! Renderings at both ends of a Pareto front, with their differences from ground truth and from the exact rendering.
+//! Renderings at both ends of a study's Pareto front, and their differences from ground truth and the exact rendering.
 
 use super::{Findings, SPAN_LOSS_DB};
 use crate::data::pictures::rgb::Picture;
@@ -7,10 +7,11 @@ use crate::show::colour_map::{ColourMap, with_legend};
 use crate::show::contact_sheet::{Cell, contact_sheet};
 use std::path::Path;
 
-/// Difference of a colour channel, 0 to 1, at the bright end of the colour map.
+/// Difference of a colour channel (values 0 to 1) that is drawn in the brightest colour of the colour map.
 const BRIGHTEST: f32 = 0.25;
 
-/// Writes pictures of the first view that the study timed: `ends.png`, and a file for each picture of a difference.
+/// Renders the first timed view with the settings of up to three points: slowest and fastest of the Pareto front, and
+/// fastest that loses at most `SPAN_LOSS_DB`. Writes each difference, and a sheet of all pictures, `ends.png`.
 pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> anyhow::Result<()> {
     let study = findings.study;
     let (Some(&dearest), Some(&last)) = (findings.front.first(), findings.front.last()) else {

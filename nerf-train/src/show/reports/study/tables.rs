@@ -1,4 +1,4 @@
-//! Tables of a study's points: one with all measurements, and a short one.
+//! Tables of a study's points: one of all points and measurements, and one of chosen points and main measurements.
 
 use super::Findings;
 use crate::lab::study::KNOBS;
@@ -15,7 +15,7 @@ pub fn table(findings: &Findings<'_, '_, '_>) -> Table {
     table
 }
 
-/// Cells of a point's row, each with the name of its column.
+/// Cells of the table's row for point `i`, each with the name of its column.
 fn row(findings: &Findings<'_, '_, '_>, i: usize) -> Vec<(&'static str, String)> {
     let (point, t, lab) = (&findings.study.points[i], &findings.totals[i], findings.study.lab);
     let origin = match point.origin {

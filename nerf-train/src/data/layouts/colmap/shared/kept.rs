@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::Path;
 
-/// Maximum size of a file that is read back, bytes.
+/// Maximum number of bytes of a file of shared cameras; reading a larger file is an error.
 const MAX_BYTES: u64 = 1 << 30;
 
 /// Reconstruction adjusted to one camera (set of intrinsics) per device, as stored in the file of shared cameras.
@@ -22,7 +22,7 @@ pub(super) struct Shared {
     pub(super) devices: Vec<Adjusted>,
     /// Mean reprojection error before and after the adjustment, pixels.
     pub(super) reprojection_error_px: [f64; 2],
-    /// Median and largest shift of the cameras, each divided by the median depth of the points that the camera sees.
+    /// Median and largest movement of a camera by the adjustment, divided by the median depth of the points it sees.
     pub(super) moved: [f64; 2],
     /// For each camera: width and height in pixels, and the parameters of COLMAP's camera model `OPENCV`.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
@@ -48,7 +48,7 @@ pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
 }
 
 impl Shared {
-    /// Reads `file`; `None` if it does not exist, belongs to another `model` (checksum), or refers to a missing camera.
+    /// Reads `file`; `None` if it does not exist, states a checksum other than `model`, or has a bad camera index.
     pub(super) fn read(file: &Path, model: u64) -> Result<Option<Self>, DatasetError> {
         let bytes = match read_limited(file, MAX_BYTES) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),

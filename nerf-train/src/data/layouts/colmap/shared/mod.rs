@@ -1,4 +1,4 @@
-//! Shared cameras: gives all photographs of one device one camera (set of intrinsics), and adjusts the model again.
+//! Shared cameras: gives each device one camera (set of intrinsics), and repeats bundle adjustment with these cameras.
 
 mod kept;
 
@@ -238,7 +238,7 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Adds to `bundle` the points that several photographs show, and their observations; returns their `POINT3D_ID`s.
+/// Adds the points that several photographs show to `bundle`, with their observations. Returns the points' ids.
 fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     let places = points.numbers();
     let mut photographs = vec![(usize::MAX, false); points.kept.len()];
@@ -269,7 +269,8 @@ fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     numbers
 }
 
-/// Returns `own` with one camera per device: each parameter is the median over the photographs of the device.
+/// Returns `own` with one camera per device. Focal length and radial distortion are medians over the device's
+/// photographs. The numbers in a photograph's `Frame` are medians over the device's photographs of the same size.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {

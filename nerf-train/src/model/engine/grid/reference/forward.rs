@@ -14,8 +14,8 @@ use nerf_core::simd::Isa;
 /// Parameters of the field as dfdx tensors.
 pub(super) struct Network {
     pub layers: Vec<(Dense, Weights)>,
-    /// Values of all levels, rounded as the renderer reads them, `[entries][features]`. The gradient with respect to
-    /// these values is applied to the parameters, which are not rounded (straight-through estimator).
+    /// Table values of all levels, `[entries][features]`, rounded to the values that a renderer reads. The gradient
+    /// with respect to the rounded values updates the parameters, which are not rounded (straight-through estimator).
     pub table: Matrix,
 }
 
@@ -88,7 +88,7 @@ pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Re
     Ok(raw.try_reshape_like(&(samples,))?.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?)
 }
 
-/// Returns the colour of each row of features `h`, `[rows][3]`, recorded on a new tape.
+/// Returns the colours, `[rows][3]`, of rows of features `h` seen in directions `dirs`; recorded on a new tape.
 pub(super) fn colour(
     engine: &GridReferenceEngine,
     network: &Network,
@@ -124,7 +124,7 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// Returns entry index, over all levels, and trilinear weight of each corner of the cell around `unit`, in [0, 1]³.
+/// Returns entry index among all levels and trilinear weight of each corner of the cell around `unit` ∈ [0, 1]³.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;

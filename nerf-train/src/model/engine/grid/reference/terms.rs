@@ -43,8 +43,8 @@ pub(super) fn surfaces(
     Ok(front.try_add(transmittance.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
 }
 
-/// Returns the smoothness loss ([`super::super::smoothness`]) of the lines among the rays `indices`, recorded on a new
-/// tape; `None` if there are no lines.
+/// Returns the smoothness loss ([`super::super::smoothness`]) of the lines ([`Batch::lines`]) among the rays `indices`,
+/// recorded on a new tape; `None` without lines or without this loss.
 pub(super) fn smoothness(
     rows: &Rows,
     batch: &Batch,
@@ -72,7 +72,7 @@ pub(super) fn smoothness(
     Ok(Some(of_each.try_sum::<Rank0, Axis<0>>()?))
 }
 
-/// Returns the distortion loss `Σ_ij w_i w_j |s_i − s_j|`, over all rays. `along`: distances `s`, ascending per ray.
+/// Returns the distortion loss, `Σ_ij w_i w_j |s_i − s_j|` summed over rays. `along`: distances `s`, ascending per ray.
 pub(super) fn distortion(rows: &Rows, weights: Matrix<Taped>, along: Matrix) -> Result<Scalar, EngineError> {
     let front = rows.sums_in_front(weights.with_empty_tape())?;
     let moments = rows.sums_in_front(weights.with_empty_tape().try_mul(along.clone())?)?;
