@@ -247,7 +247,7 @@ result<T> checked(T value, Call &&call) noexcept {
     return why.status == NERF_STATUS_OK ? result<T>(std::move(value)) : result<T>(why);
 }
 
-/// Runs a C call whose last argument before the message receives a value; returns this value or the error.
+/// Runs a C call and returns its result, which it writes through the argument before the message's buffer, or the error.
 template <class T, class Call, class... Arguments>
 result<T> made(Call &&call, Arguments... arguments) noexcept {
     return checked(T(), [&](T &to, char *message, std::size_t capacity) {

@@ -1,4 +1,4 @@
-//! Macro for the methods of a type whose feature is off in this build. The type is then an enum without variants.
+//! Macro that declares the methods of a type whose feature is off in this build, so that code that calls them compiles.
 
 /// Declares the methods of an uninhabited type (an enum without variants) from signatures alone. The methods are never
 /// called, since the type has no values.

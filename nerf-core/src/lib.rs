@@ -39,7 +39,7 @@
 //! | `weights`, `opacity` | a weight is `transmittance · alpha`; the opacity is the sum of the weights, `<= 1` |
 //! | samples | only on the part of a ray inside the scene box, for any camera position |
 //! | samples, scene with a fixed step | at equal steps, from the point where the ray enters the box |
-//! | samples, scene with n bins | one in each bin of width (far − near) / n. One bin begins at near, and the bins cover all of the ray inside the box. With a proposal network, the bins cover only near to far |
+//! | samples, scene with n bins | one in each bin. The width of a bin is (far − near) / n, and one bin begins at near. The bins cover the ray wherever it is inside the box, also before near and beyond far. With a proposal network, they cover only near to far |
 //! | samples, unbounded scene | from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
 //! | `far` | distance that is output for pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far or, if larger, the camera's distance from the farthest corner of the box. With bins that cover only near to far: the scene's far. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length; in a scene with a fixed step, the last bin ends where the ray leaves the box |

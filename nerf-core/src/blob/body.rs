@@ -298,7 +298,7 @@ pub struct FrontPoint {
 /// coarse network, since rendering needs only the compositing weights of the coarse network's samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal<'a> {
-    /// Encoding of the position. The scene's network may have another encoding.
+    /// Encoding of the position in the proposal network. The network of the scene may have another one.
     pub position: SinusoidalEncoding,
     /// Hidden layers of the trunk, in order. The first layer takes the encoded position alone. A later layer takes the
     /// previous layer's output, and also the encoded position if the layer has a skip connection.

@@ -143,7 +143,8 @@ enum Half {
 /// bytes: one byte yields at most 6,100 values.
 ///
 /// # Errors
-/// [`BlobError::CodedEnd`] if `bytes` end too early; [`BlobError::CodedRest`] if no encoder writes these `bytes`.
+/// [`BlobError::CodedEnd`] if `bytes` end too early. [`BlobError::CodedRest`] if the decoder begins or ends in a state
+/// in which no encoder ends or begins, or if bytes are left.
 pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8)) -> Result<(), BlobError> {
     let (first, rest) = bytes.split_first_chunk().ok_or(BlobError::CodedEnd { level: 0, index: 0 })?;
     let (mut state, words) = (u32::from_le_bytes(*first), rest.as_chunks::<2>());

@@ -1,4 +1,4 @@
-//! A rendered image.
+//! A rendered image: one list of values for each requested output, and counters of the work.
 
 use crate::plan::Outputs;
 use crate::render::{Counters, RenderError};

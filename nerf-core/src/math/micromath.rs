@@ -23,7 +23,7 @@ impl Math for Micromath {
         // A NaN stays a NaN, since the renderer counts invalid samples. For NaN, the crate's `exp` returns a number.
         V::select(x.equals(x), e, x)
     }
-    /// Computes `e^−x` as `1 + expm1(−x)`. With the crate's inexact `exp`, a ray's weights would add up to more than 1.
+    /// Computes `e^−x` as `1 + expm1(−x)`: with `micromath`'s inexact `exp`, a ray's weights would add up to over 1.
     #[inline(always)]
     fn decay<V: Lanes>(x: V) -> V {
         V::splat(1.0).add(Self::expm1(x.neg()))

@@ -157,8 +157,8 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// Evaluates `$body` as `with_math` does, except that `$M` is the type `Recurrence` if `$backend` is `Recurrence`. For
-/// sinusoidal encodings.
+/// Evaluates `$body` with `$M` set to the [`Math`] type of `$backend`. In contrast to `with_math`, the backend
+/// `Recurrence` has its own type: `Recurrence`, for sinusoidal encodings.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

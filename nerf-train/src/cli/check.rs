@@ -40,11 +40,11 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
 pub struct Check {
     /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
-    /// Output folder: check.html (cameras in 3D, coloured by findings), summary.json, unpredicted.txt.
+    /// Output folder: check.html (cameras in 3D, coloured by findings), summary.json; unpredicted.txt with --cross-validate.
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Also fit the scene 8 times, each time without other photographs, and name the photographs that such fits predict
-    /// worst (unpredicted.txt). STEPS: training steps of a fit, 4000 if not given.
+    /// Also fit the scene 8 times, each time without another eighth of the photographs; list those that are predicted
+    /// worst when left out (unpredicted.txt). STEPS: training steps of a fit, 4000 if not given.
     #[arg(
         long,
         value_name = "STEPS",

@@ -88,7 +88,7 @@ pub struct Eval {
     /// Also report PSNR on every N-th pixel of every N-th row, to compare with figures of such a subset.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
     lattice: Option<u32>,
-    /// Background: a name (black, white, red), #RRGGBB or R,G,B [default: the scene file's].
+    /// Background: a name (black, white, red), #RRGGBB or R,G,B (0 to 255) [default: the scene file's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// Report folder: summary.json, table, images.

@@ -37,8 +37,8 @@ use std::process::ExitCode;
     about,
     disable_help_flag = true,
     after_help = "Example, and the place to start: nerf-train demo\n\n\
-        Ctrl-C, SIGTERM and SIGHUP end a command and leave no half-written file: `fit` writes its checkpoint before it ends, \
-        `image fit` its scene file, `sweep` the report of its finished runs.\n\
+        Ctrl-C, SIGTERM and SIGHUP end a command and leave no half-written file. Written before it ends: the checkpoint of \
+        `fit`, the scene file of `image fit`, the report of a sweep's finished runs.\n\
         Exit status: 0 success, 1 error, 2 wrong usage, 128 + N when ended by signal N (130 after Ctrl-C)."
 )]
 struct Cli {

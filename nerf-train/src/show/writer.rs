@@ -28,8 +28,8 @@ pub enum Sink {
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// Number of the first frame that an earlier run left in the folder: the number after the last written frame.
-    /// `None` if there is no such file, or if several processes share the folder, each with a part of the frames.
+    /// Number after this run's last frame, if the folder has a file of this number, which an earlier run left. `None` if
+    /// several processes share the folder, each with a part of the frames.
     pub older_from: Option<usize>,
 }
 

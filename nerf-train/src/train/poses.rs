@@ -61,7 +61,8 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median, pixels: reprojection error of the sparse points if `by_tracks`, else image motion in the first steps.
+    /// Median reprojection error of the sparse points, pixels; if not `by_tracks`, median motion of the photographs' pixels
+    /// by refining the poses in the first steps.
     pub pixels: f64,
     /// Whether `pixels` is the reprojection error of sparse points.
     pub by_tracks: bool,

@@ -22,7 +22,7 @@ pub(super) struct Deferred<'w> {
     /// Hidden features `h` of the sample in each ray's current bin: one table `[rays][rows]` for each field, where
     /// `rows` is the field's number of features.
     parts: &'w mut [f32],
-    /// Sums along each ray: one table `[rays][rows + 1]` for each field. A row holds Σ weight · h of each feature, then
+    /// Sums along each ray: one table `[rays][rows + 1]` for each field. For each ray: Σ weight · h of each feature, then
     /// Σ weight.
     sums: &'w mut [f32],
     pub networks: RayNetworks<'w>,

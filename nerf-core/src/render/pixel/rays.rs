@@ -32,8 +32,8 @@ pub(in crate::render) trait RaySource {
     }
     /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance, world units, that is output for a pixel without a surface, unless the ray's farthest visible distance
-    /// is smaller. `x`: column of the pixel, from which [`OwnRays`] finds the pixel's ray.
+    /// Distance for a pixel without a surface, world units. The caller outputs the smaller one of this distance and the
+    /// ray's farthest visible distance. `x`: column of the pixel, from which [`OwnRays`] finds the pixel's ray.
     fn far(&self, x: u32) -> f32;
     /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
     fn until(&self, _x: u32) -> f32 {

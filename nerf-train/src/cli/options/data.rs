@@ -26,10 +26,10 @@ pub struct DataOptions {
     /// Camera axes: opengl (looks along −Z) or opencv (looks along +Z) [default: by the layout].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
-    /// Near plane, world units along the ray [default: estimated from the data; for a trained scene, no limit].
+    /// Near plane, world units along the ray [default: estimated from the data; with a scene file: no limit].
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Far plane, world units along the ray; in training of an unbounded scene, distance from its centre [default: as
+    /// Far plane, world units along the ray; in training of an unbounded scene, distance from its centre [default: see
     /// --near].
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
@@ -142,8 +142,8 @@ impl DataOptions {
         Ok(dataset)
     }
 
-    /// Reads a data set for training. Shared intrinsics are stored next to the scene file `output`. Also returns the
-    /// time taken to find shared intrinsics, which does not count as training time.
+    /// Reads a data set for training. Writes shared intrinsics, if it computes them, to a file next to the scene file
+    /// `output`. Also returns the time of this computation, which does not count as training time.
     pub fn read_to_fit(
         &self,
         path: &Path,

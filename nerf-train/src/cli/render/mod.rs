@@ -104,7 +104,7 @@ pub struct Render {
     /// Outputs to render, separated by commas; each is written to a file of its own.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "rgb")]
     outputs: Vec<Output>,
-    /// Background: a name (black, white, red), #RRGGBB or R,G,B [default: the scene file's].
+    /// Background: a name (black, white, red), #RRGGBB or R,G,B (0 to 255) [default: the scene file's].
     #[arg(long, value_name = "COLOUR", value_parser = parse_background)]
     background: Option<[f32; 3]>,
     /// Write alpha: straight in PNG, premultiplied in EXR. For a view or a folder of frames.

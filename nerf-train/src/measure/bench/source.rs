@@ -1,4 +1,4 @@
-//! The f32 weights of a network trained elsewhere, from which `import` made a scene file with rounded weights.
+//! Reads the original f32 weights of an imported network, to compare them with the rounded weights of its scene file.
 
 use crate::measure::import::{AngleFactor, Order, RawDensity, Settings, Tensors, network};
 use half::f16;

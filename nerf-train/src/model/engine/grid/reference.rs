@@ -1,8 +1,8 @@
 //! The reference engine of grid fields: table entries are gathered from a dfdx tensor, and dfdx's tape differentiates.
 //!
-//! The results are those of [`GridEngine`](super::GridEngine), by the simplest code. The samples to keep are chosen
-//! without a tape; the transmittance through samples that are not kept is a constant. Deviations: every sample's
-//! density is evaluated, even after the end of a ray, and pixels clipped at white are treated as all others.
+//! Loss and gradients of [`GridEngine`](super::GridEngine) by the simplest code. The samples that get gradients are chosen
+//! without a tape; the transmittance through the others is a constant. Differences: the density of every sample is
+//! evaluated, also behind the end of a ray, and pixels clipped at white are treated as all others.
 
 mod forward;
 mod terms;

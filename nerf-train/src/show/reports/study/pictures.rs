@@ -11,7 +11,7 @@ use std::path::Path;
 const BRIGHTEST: f32 = 0.25;
 
 /// Renders the first timed view with the settings of up to three points: slowest and fastest of the Pareto front, and
-/// fastest that loses at most `SPAN_LOSS_DB`. Writes each difference, and a sheet of all pictures, `ends.png`.
+/// fastest that loses at most `SPAN_LOSS_DB`. Writes their differences from ground truth and exact, and a sheet, `ends.png`.
 pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> anyhow::Result<()> {
     let study = findings.study;
     let (Some(&dearest), Some(&last)) = (findings.front.first(), findings.front.last()) else {
