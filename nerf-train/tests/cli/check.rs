@@ -123,7 +123,7 @@ fn photographs_that_the_others_do_not_predict_are_listed_and_left_out() {
     shown.for_each(|[r, g, b, _]| [*r, *g, *b] = [255 - *r, 255 - *g, 255 - *b]);
     let data = folder.npz_of("scene.npz", &scene, |_| {});
     let (out, list) = (folder.path("out"), folder.path("out/unpredicted.txt"));
-    let said = ok(["check", &data, "-o", &out, "--cross-validate=250", "--json", "-q"]);
+    let said = ok(["check", &data, "-o", &out, "--cross-validate=120", "--json", "-q"]);
     let found: Value = serde_json::from_str(&said).expect("JSON");
     let found = &found["cross_validation"];
     let held_out: Vec<(&str, f64)> = found["held_out"]
@@ -132,7 +132,7 @@ fn photographs_that_the_others_do_not_predict_are_listed_and_left_out() {
         .iter()
         .map(|score| (score["view"].as_str().expect("a name"), score["psnr_db"].as_f64().expect("dB")))
         .collect();
-    assert_eq!((held_out.len(), &found["steps"]), (48, &Value::from(250)));
+    assert_eq!((held_out.len(), &found["steps"]), (48, &Value::from(120)));
     assert!(held_out.is_sorted_by(|a, b| a.1 <= b.1), "{held_out:?}");
     let text = std::fs::read_to_string(&list).expect("a list");
     let names: Vec<&str> = text.lines().collect();
