@@ -40,7 +40,8 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
 pub struct Check {
     /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
-    /// Output folder: check.html (cameras in 3D, coloured by findings), summary.json; unpredicted.txt with --cross-validate.
+    /// Output folder: check.html (cameras in 3D, coloured by findings), summary.json; with --cross-validate,
+    /// unpredicted.txt.
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Also fit the scene 8 times, each time without another eighth of the photographs; list those that are predicted
@@ -81,7 +82,7 @@ impl Check {
         let mut cross_validation = None;
         if let (Some(steps), Some(folder)) = (self.cross_validate, &self.output) {
             let Some(found) = self.cross_validated(&dataset, steps, global)? else {
-                global.interrupted("interrupted: nothing is written");
+                global.interrupted("interrupted; nothing is written");
                 return Ok(stop::status());
             };
             let file = folder.join("unpredicted.txt");
@@ -116,7 +117,7 @@ impl Check {
         config.check()?;
         let budget = Budget { steps: Some(steps), seconds: None };
         let options = RunOptions::unattended(budget, global.kernel(), global.style());
-        CrossValidation::of(dataset.clone(), &config, &options, &|_| stop::requested())
+        CrossValidation::of(dataset, &config, &options, &|_| stop::requested())
     }
 
     /// Reports the expected time and memory of a check, and fails if the photographs do not fit into memory. Does

@@ -1,5 +1,6 @@
 //! Cross-validation of a capture: how well each photograph is predicted by fits that were not trained on it.
 
+use crate::data::cameras::bundle::median;
 use crate::data::names::count;
 use crate::data::{Dataset, View};
 use crate::fit::run::{Ended, RunOptions, run};
@@ -34,13 +35,12 @@ impl CrossValidation {
     /// # Errors
     /// Fewer than two held-out photographs per fit; errors of the fits.
     pub fn of(
-        mut dataset: Dataset,
+        dataset: &Dataset,
         config: &Config,
         options: &RunOptions,
         stop: &dyn Fn(u32) -> bool,
     ) -> anyhow::Result<Option<Self>> {
-        let mut views = std::mem::take(&mut dataset.train);
-        views.append(&mut dataset.val);
+        let mut views: Vec<&View> = dataset.train.iter().chain(&dataset.val).collect();
         views.sort_by(|a, b| a.name.cmp(&b.name));
         ensure!(
             views.len() >= 2 * FITS,
@@ -48,27 +48,27 @@ impl CrossValidation {
             2 * FITS,
             views.len()
         );
-        let mut held_out = Vec::with_capacity(views.len());
+        let (mut split, mut held_out) = (dataset.clone(), Vec::with_capacity(views.len()));
         for fit in 0..FITS {
-            let split = |(index, _): &(usize, View)| index % FITS == fit;
-            let (val, train): (Vec<_>, Vec<_>) = views.into_iter().enumerate().partition(split);
-            (dataset.val, dataset.train) = (without_index(val), without_index(train));
-            let Ended::Finished(outcome) = run(&dataset, config.clone(), options, stop)? else {
+            let part = |is_held_out: bool| {
+                let of_part = views.iter().enumerate().filter(|(i, _)| (i % FITS == fit) == is_held_out);
+                of_part.map(|(_, view)| (*view).clone()).collect()
+            };
+            (split.train, split.val) = (part(false), part(true));
+            let Ended::Finished(outcome) = run(&split, config.clone(), options, stop)? else {
                 return Ok(None);
             };
             held_out.extend(outcome.scores.views);
-            views = std::mem::take(&mut dataset.train);
-            views.append(&mut dataset.val);
-            views.sort_by(|a, b| a.name.cmp(&b.name));
         }
         Ok(Some(Self::judged(held_out, config.optimiser.steps)))
     }
 
     /// Returns the finding as a sentence. `file`: the file of the names in `unpredicted`.
     pub fn finding(&self, file: &Path) -> String {
-        let Self { steps, median_psnr_db: median, unpredicted, .. } = self;
-        let fits =
-            format!("{FITS} fits of {steps} steps, each photograph held out of one: median {median:.1} dB");
+        let Self { steps, median_psnr_db, unpredicted, .. } = self;
+        let fits = format!(
+            "{FITS} fits of {steps} steps, each photograph held out of one: median {median_psnr_db:.1} dB"
+        );
         if unpredicted.is_empty() {
             return format!("{fits}; none is more than {BELOW_MEDIAN_DB} dB below it");
         }
@@ -82,14 +82,10 @@ impl CrossValidation {
 
     fn judged(mut held_out: Vec<ViewScore>, steps: u32) -> Self {
         held_out.sort_by(|a, b| a.psnr_db.total_cmp(&b.psnr_db));
-        let median_psnr_db = held_out[held_out.len() / 2].psnr_db;
+        let median_psnr_db = median(held_out.iter().map(|score| score.psnr_db));
         let most = (MOST * held_out.len() as f64) as usize;
         let low = held_out.iter().take(most).filter(|score| score.psnr_db < median_psnr_db - BELOW_MEDIAN_DB);
         let unpredicted = low.map(|score| score.view.clone()).collect();
         Self { steps, median_psnr_db, unpredicted, held_out }
     }
-}
-
-fn without_index(views: Vec<(usize, View)>) -> Vec<View> {
-    views.into_iter().map(|(_, view)| view).collect()
 }

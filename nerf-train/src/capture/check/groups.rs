@@ -127,9 +127,9 @@ impl Groups {
 
     /// Returns the final groups and the outliers. `group`: index of each photograph's group, below `groups`; `None` if
     /// the photograph is in `contradict` or in no pair. A photograph in no pair joins the previous photograph's group.
-    /// `contradict`: photographs of rejected clusters. If there are many ([`FEW`], [`TORN`]), they form a last group, together with
-    /// the photographs of small groups except the first group. Otherwise, all of these are divided: those with at least
-    /// [`CERTAIN`] contradicting pairs become outliers, and the rest joins the largest group.
+    /// `contradict`: photographs of rejected clusters. If there are many ([`FEW`], [`TORN`]), they form a last group,
+    /// together with the photographs of small groups except the first group. Otherwise, all of these are divided: those
+    /// with at least [`CERTAIN`] contradicting pairs become outliers, and the rest joins the largest group.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,
@@ -156,7 +156,7 @@ impl Groups {
         }
         large.sort_by_key(|group| std::cmp::Reverse(group.len()));
         if many {
-            // The contradicting photographs and small groups form the last group, whose photographs may contradict each other.
+            // Photographs of the last group may contradict each other.
             let is_last = |view: &usize| group[*view] == Some(groups) || contradict.contains(view);
             large.push((0..all).filter(is_last).collect());
         } else {

@@ -7,7 +7,7 @@ use crate::data::{
     origin_in_name, reads_data,
 };
 use crate::model::config::{Config, Surroundings};
-use crate::system::input::{MAX_TOML_BYTES, read_limited};
+use crate::system::input::{MAX_TOML_BYTES, read_text};
 use crate::system::output::claims::Claims;
 use crate::system::progress::{self, Progress, ProgressStyle, Total};
 use anyhow::Context;
@@ -134,8 +134,7 @@ impl DataOptions {
         let mut dataset = read_with(path, options, watch, global)?;
         let Some(file) = &self.leave_out else { return Ok(dataset) };
         let context = || format!("--leave-out {}", file.display());
-        let names = String::from_utf8(read_limited(file, MAX_TOML_BYTES).with_context(context)?);
-        let names = names.with_context(context)?;
+        let names = read_text(file, MAX_TOML_BYTES).with_context(context)?;
         let names: BTreeSet<&str> = names.lines().map(str::trim).filter(|name| !name.is_empty()).collect();
         dataset.leave_out(&names).with_context(context)?;
         global.say(format!("{} photographs left out, named in {}", names.len(), file.display()));
