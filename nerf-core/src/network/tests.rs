@@ -22,12 +22,11 @@ fn evaluate(network: &Network<'_>, stride: usize, positions: &[f32], dirs: &[f32
     let mut front = vec![0.0; network.activation_rows() * stride];
     let mut back = front.clone();
     let mut scratch = Scratch { stride, encoded: &mut encoded, front: &mut front, back: &mut back };
-    let mut from_direction = vec![0.0; network.direction_rows() * stride];
-    network.direction(math, &mut scratch, dirs, &mut from_direction);
     network.trunk(math, &mut scratch, positions);
     let (mut sigma, mut rgb) = (vec![0.0; stride], vec![0.0; 3 * stride]);
     network.density(math, &scratch, &mut sigma);
-    network.colour(math, &mut scratch, |to| to.copy_from_slice(&from_direction), &mut rgb);
+    let direction = |encoded: &mut [f32], to: &mut [f32]| network.direction(math, stride, encoded, dirs, to);
+    network.colour(math, &mut scratch, direction, &mut rgb);
     (sigma, rgb)
 }
 

@@ -173,11 +173,19 @@ impl<'a> Network<'a> {
     /// Writes `b + W_d PE(d)` to `out`: `b` is the bias of the layer that takes `[h, PE(d)]`, and `W_d` are the columns
     /// of the layer's weights that multiply `PE(d)`.
     ///
-    /// `dirs`: `[3][stride]`, unit length; `out`: `[direction_rows][stride]`.
-    pub fn direction(&self, math: MathBackend, scratch: &mut Scratch<'_>, dirs: &[f32], out: &mut [f32]) {
+    /// `encoded`: [`Scratch::encoded`], which is overwritten; `dirs`: `[3][stride]`, unit length; `out`:
+    /// `[direction_rows][stride]`.
+    pub fn direction(
+        &self,
+        math: MathBackend,
+        stride: usize,
+        encoded: &mut [f32],
+        dirs: &[f32],
+        out: &mut [f32],
+    ) {
         if let (Some(encoding), Some(layer)) = (&self.architecture.direction, self.direction_layer()) {
-            self.encode_direction(math, encoding, scratch, dirs);
-            self.dense(layer, [None, Some(&*scratch.encoded)], scratch.stride, out, false, false);
+            self.encode_direction(math, encoding, stride, dirs, encoded);
+            self.dense(layer, [None, Some(&*encoded)], stride, out, false, false);
         }
     }
 
@@ -259,13 +267,14 @@ impl<'a> Network<'a> {
 
     /// Computes the colours of the block whose trunk output `h` is in [`Scratch::front`], and overwrites `h`.
     ///
-    /// `direction`: a function that fills the slice passed to it, `[direction_rows][stride]`, with the result of
-    /// [`Network::direction`] for each sample's ray; called only if colour depends on direction. `rgb`: `[3][stride]`.
+    /// `direction`: a function that fills its second argument, `[direction_rows][stride]`, with the result of
+    /// [`Network::direction`] for each sample's ray; its first argument is [`Scratch::encoded`], which it may overwrite.
+    /// Called only if colour depends on direction. `rgb`: `[3][stride]`.
     pub fn colour(
         &self,
         math: MathBackend,
         scratch: &mut Scratch<'_>,
-        direction: impl FnOnce(&mut [f32]),
+        direction: impl FnOnce(&mut [f32], &mut [f32]),
         rgb: &mut [f32],
     ) {
         let stride = scratch.stride;
@@ -279,7 +288,7 @@ impl<'a> Network<'a> {
             let direction = direction.take();
             let accumulate = direction.is_some();
             if let Some(fill) = direction {
-                fill(head_mut(to, layer.outputs * stride));
+                fill(scratch.encoded, head_mut(to, layer.outputs * stride));
             }
             self.dense(layer, [Some(&*scratch.front), None], stride, to, accumulate, hidden);
             if hidden {
@@ -318,7 +327,7 @@ impl<'a> Network<'a> {
             return false;
         }
         if let Some(encoding) = &self.architecture.direction {
-            self.encode_direction(math, encoding, scratch, dirs);
+            self.encode_direction(math, encoding, stride, dirs, scratch.encoded);
         }
         // Stride between successive inputs of a layer, values.
         let mut apart = stride;
@@ -360,24 +369,25 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Encodes a block of directions into [`Scratch::encoded`]: f32, or pairs of bf16 if weights are
+    /// Encodes a block of directions; `out`: `[outputs][stride]`, f32, or pairs of bf16 if weights are
     /// [`Weights::Paired`] ([`Network::take_rows`]).
     fn encode_direction(
         &self,
         math: MathBackend,
         encoding: &DirectionEncoding,
-        scratch: &mut Scratch<'_>,
+        stride: usize,
         dirs: &[f32],
+        out: &mut [f32],
     ) {
         match encoding {
             DirectionEncoding::Sinusoidal(encoding) => {
-                encode_block(self.isa, math, encoding, scratch.stride, dirs, scratch.encoded);
+                encode_block(self.isa, math, encoding, stride, dirs, out);
             }
             DirectionEncoding::SphericalHarmonics { degree } => {
-                encode_harmonics_block(self.isa, *degree, scratch.stride, dirs, scratch.encoded);
+                encode_harmonics_block(self.isa, *degree, stride, dirs, out);
             }
         }
-        self.take_rows(encoding.outputs(), scratch.stride, scratch.encoded);
+        self.take_rows(encoding.outputs(), stride, out);
     }
 
     /// Converts `rows` rows of f32 to the input format of the matrix products, in place. If weights are

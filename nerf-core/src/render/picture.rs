@@ -70,7 +70,7 @@ pub(super) fn render(
             return counters;
         }
         network.trunk(math, &mut scratch, positions);
-        network.colour(math, &mut scratch, |_| {}, rgb);
+        network.colour(math, &mut scratch, |_, _| {}, rgb);
         counters.colour_evaluations += n as u64;
         counters.macs += n as u64 * macs;
         for (i, (x, y)) in pixels.by_ref().take(n).enumerate() {

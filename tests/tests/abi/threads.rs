@@ -136,7 +136,8 @@ fn cancelling_stops_within_one_tile_and_leaves_whole_tiles() {
     let mut workspace = opened.workspace(None, ffi::NERF_OUTPUT_RGB);
     let (at, size) = (workspace.at(), workspace.size());
     let mut calls = 0;
-    for cancel_at in 0..=u64::from(SIDE * SIDE) {
+    // Pixels are counted up to multiples of 64, where a tile ends: between these, every `cancel_at` has the same answer.
+    for cancel_at in (0..=u64::from(SIDE * SIDE)).filter(|at| (at + 1) % 64 <= 2) {
         let mut watcher = Watcher { cancel_at, ..Watcher::new(&opened) };
         let mut picture = vec![UNTOUCHED; (SIDE * SIDE) as usize];
         let status = render(&opened, None, picture.as_mut_ptr(), SIDE, at, size, Some(&mut watcher));

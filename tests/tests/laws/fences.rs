@@ -349,11 +349,11 @@ fn evaluated(blob: &Blob<'_>, kernel: Kernel, stride: usize, flush: Flush) -> Ve
         [network.encoded_rows(), network.activation_rows(), network.activation_rows()].map(rows);
     let mut scratch = Scratch { stride, encoded: &mut encoded, front: &mut front, back: &mut back };
     let [positions, dirs] = [1, 2].map(|seed| Fenced::of(&noise(3 * stride, seed), flush));
-    let [mut direction, mut sigma, mut rgb] = [network.direction_rows(), 1, 3].map(rows);
-    network.direction(math, &mut scratch, &dirs, &mut direction);
+    let [mut sigma, mut rgb] = [1, 3].map(rows);
     network.trunk(math, &mut scratch, &positions);
     network.density(math, &scratch, &mut sigma);
-    network.colour(math, &mut scratch, |to| to.copy_from_slice(&direction), &mut rgb);
+    let direction = |encoded: &mut [f32], to: &mut [f32]| network.direction(math, stride, encoded, &dirs, to);
+    network.colour(math, &mut scratch, direction, &mut rgb);
     assert!(sigma.iter().chain(rgb.iter()).all(|x| x.is_finite()));
     bits(&[&sigma[..], &rgb[..]].concat())
 }

@@ -36,7 +36,7 @@ impl<'w> Deferred<'w> {
         samples: usize,
     ) -> Self {
         let places = layout.slice(fields.clone().count(), Place::default());
-        let (mut parts, mut sums, mut direction_rows, mut any) = (0usize, 0usize, 0, false);
+        let (mut parts, mut sums, mut any) = (0usize, 0usize, false);
         for (member, Field { network, plan }) in fields.enumerate().filter(|(_, field)| field.shades_rays()) {
             let (rays, rows) = (plan.batch.rays, network.trunk_rows());
             // While memory is only measured, `places` is empty.
@@ -45,13 +45,13 @@ impl<'w> Deferred<'w> {
             }
             parts = parts.saturating_add(rays.saturating_mul(rows));
             sums = sums.saturating_add(rays.saturating_mul(rows + 1));
-            (direction_rows, any) = (direction_rows.max(network.direction_rows()), true);
+            any = true;
         }
         Self {
             places,
             parts: layout.slice(parts, 0.0),
             sums: layout.slice(sums, 0.0),
-            networks: RayNetworks::lay_out(layout, direction_rows, if any { samples } else { 0 }),
+            networks: RayNetworks::lay_out(layout, if any { samples } else { 0 }),
         }
     }
 

@@ -135,7 +135,9 @@ impl<'f, 'w> Rays<'f, 'w> {
         for from in list.iter().map(|&from| from as usize) {
             let Some(&state) = self.states.get(from) else { break };
             if state.next < state.end {
-                put(self.states, hits, state);
+                if from != hits {
+                    put(self.states, hits, state);
+                }
                 self.active.push(hits as u32);
                 hits += 1;
             } else {

@@ -133,24 +133,18 @@ impl<'w> Sums<'w> {
         Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::default()) }
     }
 
-    /// Adds `pixel`, the result of ray `ray`, to the sums of the tile's pixel of index `index`. Returns the mean of the
-    /// pixel's rays after the last ray, else `None`. `far`: output distance of pixels that show no surface.
+    /// Adds `pixel`, the result of ray `ray`, to the sums of the tile's pixel of index `index`. After the pixel's last
+    /// ray, sets `pixel` to the mean of the rays and returns `true`; else returns `false`. `far`: output distance of
+    /// pixels that show no surface.
     #[inline]
-    pub fn add(
-        &mut self,
-        effects: &Effects,
-        index: usize,
-        ray: u32,
-        pixel: Pixel,
-        far: f32,
-    ) -> Option<Pixel> {
+    pub fn add(&mut self, effects: &Effects, index: usize, ray: u32, pixel: &mut Pixel, far: f32) -> bool {
         let rays = rays(effects);
-        if rays == 1 { Some(pixel) } else { self.add_ray(index, ray, rays, &pixel, far) }
+        rays == 1 || self.add_ray(index, ray, rays, pixel, far)
     }
 
     #[inline(never)]
-    fn add_ray(&mut self, index: usize, ray: u32, rays: u32, pixel: &Pixel, far: f32) -> Option<Pixel> {
-        let sum = self.pixels.get_mut(index)?;
+    fn add_ray(&mut self, index: usize, ray: u32, rays: u32, pixel: &mut Pixel, far: f32) -> bool {
+        let Some(sum) = self.pixels.get_mut(index) else { return false };
         let mut surface = self.surfaces.get_mut(index);
         if ray == 0 {
             *sum = PixelSum::default();
@@ -163,12 +157,12 @@ impl<'w> Sums<'w> {
             surface.add(pixel, far);
         }
         if ray + 1 < rays {
-            return None;
+            return false;
         }
-        let mut mean = sum.mean(rays, far);
+        *pixel = sum.mean(rays, far);
         if let Some(surface) = surface {
-            surface.finish(rays, far, &mut mean);
+            surface.finish(rays, far, pixel);
         }
-        Some(mean)
+        true
     }
 }

@@ -24,7 +24,7 @@ impl<'w> Sums<'w> {
     }
 
     #[inline(always)]
-    pub fn add(&mut self, _: &Effects, _index: usize, _ray: u32, pixel: Pixel, _far: f32) -> Option<Pixel> {
-        Some(pixel)
+    pub fn add(&mut self, _: &Effects, _index: usize, _ray: u32, _pixel: &mut Pixel, _far: f32) -> bool {
+        true
     }
 }

@@ -93,9 +93,9 @@ impl<'f, 'w> Pixels<'f, 'w> {
         let (effects, tile) = (&self.plan.effects, self.tile);
         seen.rgb = tone::to_light::<M>(&effects.tone, seen.rgb);
         let index = (y - tile.y) as usize * tile.width as usize + (x - tile.x) as usize;
-        if let Some(mut pixel) = self.sums.add(effects, index, self.turn, seen, far) {
-            pixel.rgb = tone::to_display::<M>(&effects.tone, pixel.rgb);
-            target.put(x, y, &pixel);
+        if self.sums.add(effects, index, self.turn, &mut seen, far) {
+            seen.rgb = tone::to_display::<M>(&effects.tone, seen.rgb);
+            target.put(x, y, &seen);
         }
     }
 }

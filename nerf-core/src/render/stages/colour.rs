@@ -149,15 +149,14 @@ impl DirectionShares<'_> {
         }
         let (network, block) = (field.network, self.block);
         let rows = network.direction_rows();
-        let Scratch { encoded, front, back, .. } = scratch;
+        let Scratch { encoded, back, .. } = scratch;
         let shares = self.values.chunks_exact_mut((rows * block).max(1));
         for (states, out) in rays.chunks(block.max(1)).zip(shares) {
             let stride = field.columns(states.len());
-            let mut scratch = Scratch { stride, encoded, front, back: &mut [] };
             for (column, state) in states.iter().enumerate() {
                 put_column(dirs, stride, column, state.pixel.ray.dir.to_array());
             }
-            network.direction(field.plan.math, &mut scratch, dirs, back);
+            network.direction(field.plan.math, stride, encoded, dirs, back);
             // The values of a ray are contiguous, since they are copied to each of its samples.
             for (column, share) in out.chunks_exact_mut(rows.max(1)).take(states.len()).enumerate() {
                 for (to, from) in share.iter_mut().zip(back.chunks_exact(stride.max(1))) {
@@ -173,7 +172,7 @@ impl DirectionShares<'_> {
     pub fn evaluate(&self, field: Field<'_>, scratch: &mut Scratch<'_>, owner: &[u32], rgb: &mut [f32]) {
         let (network, plan) = (field.network, field.plan);
         let (stride, rows) = (scratch.stride, network.direction_rows());
-        let spread = |to: &mut [f32]| {
+        let spread = |_: &mut [f32], to: &mut [f32]| {
             for (column, &ray) in owner.iter().enumerate() {
                 let share = head(tail(self.values, ray as usize * rows), rows);
                 for (to, &value) in to.chunks_exact_mut(stride.max(1)).zip(share) {

@@ -30,7 +30,7 @@ impl<'w> Deferred<'w> {
         Self {
             sums: layout.slice(field.plan.batch.rays.saturating_mul(row), 0.0),
             row,
-            networks: RayNetworks::lay_out(layout, field.network.direction_rows(), samples),
+            networks: RayNetworks::lay_out(layout, samples),
         }
     }
 
@@ -88,18 +88,14 @@ pub(in crate::render) struct RayNetworks<'w> {
     dirs: &'w mut [f32],
     /// Colour of each column, `[3][samples]`.
     rgb: &'w mut [f32],
-    /// Contribution of each column's direction to the layer of the colour branch that reads directions:
-    /// `[direction_rows][samples]`.
-    share: &'w mut [f32],
 }
 
 impl<'w> RayNetworks<'w> {
-    pub fn lay_out(layout: &mut impl Layout<'w>, direction_rows: usize, samples: usize) -> Self {
+    pub fn lay_out(layout: &mut impl Layout<'w>, samples: usize) -> Self {
         Self {
             owner: layout.slice(samples, 0),
             dirs: layout.slice(3 * samples, 0.0),
             rgb: layout.slice(3 * samples, 0.0),
-            share: layout.slice(direction_rows * samples, 0.0),
         }
     }
 
@@ -177,10 +173,11 @@ impl<'w> RayNetworks<'w> {
             put_column(self.dirs, stride, column, at(rays, ray as usize).pixel.ray.dir.to_array());
         }
         if !(n == 1 && network.colour_of_one(plan.math, scratch, self.dirs, self.rgb)) {
-            network.direction(plan.math, scratch, self.dirs, self.share);
-            let share = &*self.share;
-            let fill = |to: &mut [f32]| to.iter_mut().zip(share).for_each(|(to, &share)| *to = share);
-            network.colour(plan.math, scratch, fill, self.rgb);
+            let (math, dirs) = (plan.math, &*self.dirs);
+            let direction = |encoded: &mut [f32], to: &mut [f32]| {
+                network.direction(math, stride, encoded, dirs, to);
+            };
+            network.colour(math, scratch, direction, self.rgb);
         }
         samples_to_light(&plan.effects.tone, plan.math, network.isa(), head_mut(self.rgb, 3 * stride));
         counters.add_colour(network, n);

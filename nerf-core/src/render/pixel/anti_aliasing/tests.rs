@@ -53,12 +53,13 @@ fn a_mean_weights_distances_by_opacity_and_leaves_out_what_has_no_surface() {
     // The sums serve two tiles in turn: results of the first must not change the second.
     for _ in 0..2 {
         let rays = [pixel(1.0, 1.0, 2.0), pixel(0.5, 0.25, 4.0), pixel(0.0, 0.0, 9.0), pixel(0.5, 5e-5, 9.0)];
-        for (ray, seen) in rays.into_iter().enumerate() {
+        for (ray, mut mean) in rays.into_iter().enumerate() {
             let empty = pixel(0.25, 5e-5, 9.0);
-            let none = sums.add(&effects, 0, ray as u32, empty, 9.0);
-            let mean = sums.add(&effects, 1, ray as u32, seen, 9.0);
-            assert!(ray == 3 || none.is_none() && mean.is_none());
-            if let (Some(none), Some(mean)) = (none, mean) {
+            let mut none = empty;
+            let last = sums.add(&effects, 0, ray as u32, &mut none, 9.0);
+            assert_eq!(last, sums.add(&effects, 1, ray as u32, &mut mean, 9.0));
+            assert_eq!(last, ray == 3);
+            if last {
                 assert_eq!(none, Pixel { ray_distance: 9.0, z_depth: 9.0, ..empty });
                 assert_eq!(mean.rgb, [0.5; 3]);
                 assert!((mean.opacity - 1.250_05 / 4.0).abs() < 1e-7);
@@ -77,8 +78,8 @@ fn a_median_needs_half_of_the_rays_and_normals_turn_with_opacity() {
     let mut sums = Sums::lay_out(&mut Arena::new(&mut memory), &effects, true, 1);
     let pixel = |opacity, median_distance, normal| Pixel { opacity, median_distance, normal, ..Pixel::BLANK };
     let mut mean = |rays: [Pixel; 4]| {
-        let add = |(ray, pixel)| sums.add(&effects, 0, ray as u32, pixel, 9.0);
-        rays.into_iter().enumerate().filter_map(add).next().unwrap()
+        let mut add = |(ray, mut pixel)| sums.add(&effects, 0, ray as u32, &mut pixel, 9.0).then_some(pixel);
+        rays.into_iter().enumerate().filter_map(|ray| add(ray)).next().unwrap()
     };
     let (x, y) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
     let edge = mean([pixel(1.0, 3.0, x), pixel(0.75, 4.0, y), pixel(0.0, 9.0, [0.0; 3]), pixel(0.0, 9.0, y)]);
