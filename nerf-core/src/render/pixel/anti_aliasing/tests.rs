@@ -78,8 +78,8 @@ fn a_median_needs_half_of_the_rays_and_normals_turn_with_opacity() {
     let mut sums = Sums::lay_out(&mut Arena::new(&mut memory), &effects, true, 1);
     let pixel = |opacity, median_distance, normal| Pixel { opacity, median_distance, normal, ..Pixel::BLANK };
     let mut mean = |rays: [Pixel; 4]| {
-        let mut add = |(ray, mut pixel)| sums.add(&effects, 0, ray as u32, &mut pixel, 9.0).then_some(pixel);
-        rays.into_iter().enumerate().filter_map(|ray| add(ray)).next().unwrap()
+        let add = |(ray, mut pixel)| sums.add(&effects, 0, ray as u32, &mut pixel, 9.0).then_some(pixel);
+        rays.into_iter().enumerate().filter_map(add).next().unwrap()
     };
     let (x, y) = ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0]);
     let edge = mean([pixel(1.0, 3.0, x), pixel(0.75, 4.0, y), pixel(0.0, 9.0, [0.0; 3]), pixel(0.0, 9.0, y)]);
