@@ -135,13 +135,13 @@ public:
           whole_(std::size(container) * sizeof(E) % (each * sizeof(float)) == 0) {}
 
     T *data() const noexcept { return data_; }
-    /// Number of rays or points.
+    /// Returns the number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Bytes from the first float of a ray or point to the first float of the next; 0 for contiguous floats.
+    /// Returns the distance, bytes, from a ray's or point's first float to that of the next; 0 for contiguous floats.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
-    /// Whether the view holds exactly `count` rays or points, without floats left over.
+    /// Returns whether the view holds exactly `count` rays or points, without floats left over.
     bool holds(std::size_t count) const noexcept { return whole_ && count_ == count; }
 
 private:
@@ -160,7 +160,7 @@ using triples = strided<T, 3>;
 template <class T>
 using numbers = strided<T, 1>;
 
-/// A view of one field (one or more floats) of a container's structures: `nerf::member(rays, &my_ray::origin)`.
+/// Returns a view of one field (one or more floats) of a container's structures: `nerf::member(rays, &my_ray::origin)`.
 template <class C, class S, class F>
 auto member(C &&container, F S::*field) noexcept {
     using element = detail::element<C>;
@@ -173,11 +173,11 @@ auto member(C &&container, F S::*field) noexcept {
         count == 0 ? nullptr : detail::floats_at<number>(std::addressof(first->*field)), count, sizeof(S));
 }
 
-/// Whether the library has the ABI that this header was written for.
+/// Returns whether the library has the ABI version that this header was written for.
 inline bool abi_matches() noexcept { return nerf_abi_version() == NERF_ABI_VERSION; }
 inline std::string_view version() noexcept { return nerf_version_text(); }
 
-/// A view of a text inside a scene file; valid while the file's bytes stay in memory.
+/// Returns a view of a text inside a scene file; valid while the file's bytes stay in memory.
 inline std::string_view view(const nerf_text &text) noexcept { return {text.data, text.length}; }
 
 // --------------------------------------------------------------------------------------- errors
@@ -187,7 +187,7 @@ struct error {
     nerf_status status = NERF_STATUS_OK;
     char message[256] = {};
 
-    /// The message, or, if the message is empty, the meaning of the status; never null.
+    /// Returns the message, or, if the message is empty, the meaning of the status; never null.
     const char *text() const noexcept { return message[0] == '\0' ? nerf_status_text(status) : message; }
 };
 
@@ -201,7 +201,7 @@ public:
     result(const nerf::error &error = {}) noexcept : error_(error) {}
 
     explicit operator bool() const noexcept { return error_.status == NERF_STATUS_OK; }
-    /// The error; its status is NERF_STATUS_OK after a success.
+    /// Returns the error; its status is NERF_STATUS_OK after a success.
     const nerf::error &error() const noexcept { return error_; }
     nerf_status status() const noexcept { return error_.status; }
 
@@ -247,7 +247,7 @@ result<T> checked(T value, Call &&call) noexcept {
     return why.status == NERF_STATUS_OK ? result<T>(std::move(value)) : result<T>(why);
 }
 
-/// Runs a C call and returns its result, which it writes through the argument before the message's buffer, or the error.
+/// Runs a C call whose last argument before the message receives the result; returns the result or the error.
 template <class T, class Call, class... Arguments>
 result<T> made(Call &&call, Arguments... arguments) noexcept {
     return checked(T(), [&](T &to, char *message, std::size_t capacity) {
@@ -566,7 +566,7 @@ public:
         return of;
     }
 
-    /// Whether the plane was made from a view; true even for an empty view, which is too short to render into.
+    /// Returns whether the plane was made from a view; true even for an empty view, which is too short to render into.
     explicit operator bool() const noexcept { return there_; }
 
 private:
@@ -735,7 +735,7 @@ public:
         return home ? open(blob, std::move(*home), how) : result<scene>(home.error());
     }
 
-    /// Opens a file, in memory that the library owns; only with a library that was built with `std`.
+    /// Opens the scene file `path`, in memory that the library owns. The library needs the feature `std`.
     static result<scene> open_file(const char *path, const open_options &how = {}) noexcept {
         return detail::checked(scene(), [&](scene &to, char *message, std::size_t capacity) {
             const nerf_scene *handle = nullptr;
@@ -745,20 +745,20 @@ public:
         });
     }
 
-    /// Opens a file whose path is a std::string, a std::filesystem::path of char, or another type with c_str().
+    /// Opens a scene file whose path is a std::string, a std::filesystem::path of char, or another type with c_str().
     template <class P, class = std::enable_if_t<std::is_same_v<decltype(std::declval<const P &>().c_str()), const char *>>>
     static result<scene> open_file(const P &path, const open_options &how = {}) noexcept {
         return open_file(path.c_str(), how);
     }
 
-    /// Handle of the scene for calls of the C library; null if the scene is empty.
+    /// Returns the handle of the scene for calls of the C library; null if the scene is empty.
     const nerf_scene *get() const noexcept { return handle_.get(); }
 
-    /// Description of the scene; all zeros if the scene is empty.
+    /// Returns the description of the scene; all zeros if the scene is empty.
     const nerf_scene_info &info() const noexcept { return info_.value; }
     bool is_picture() const noexcept { return info().kind == NERF_KIND_PICTURE; }
 
-    /// Whether the scene file has a default viewpoint: the position of one of the cameras of the photographs.
+    /// Returns whether the scene file has a default viewpoint, which is the position of a training camera.
     bool has_viewpoint() const noexcept { return info().up[0] != 0.0f || info().up[1] != 0.0f || info().up[2] != 0.0f; }
 
     // Default orbit, as in camera::orbit, through the viewpoint. Without a viewpoint the orbit is around the middle of
@@ -790,7 +790,7 @@ public:
     /// Opens a worker of this scene in memory from the heap; each thread needs a worker of its own. `outputs`:
     /// NERF_OUTPUT_* flags of the planes to render, or-ed. For queries: NERF_OUTPUT_RGB if colours are wanted, else 0.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
-    /// Opens a worker of this scene in memory that the caller lends or hands over.
+    /// Opens a worker of this scene in the memory `home`, lent or owned.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
     result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_request>(outputs, how);
@@ -825,8 +825,8 @@ public:
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
     }
-    /// Measures the time of a frame on this thread for each point (quality settings) of the Pareto front, until a time
-    /// exceeds `limit`, milliseconds. `clock`: returns microseconds since any fixed moment; default: the library's own.
+    /// Measures the time of a frame on this thread for each point of the Pareto front, until a time exceeds `limit`,
+    /// milliseconds. `workspace`: from pace_workspace. `clock`: returns microseconds; default: the library's own clock.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -856,7 +856,7 @@ private:
         return opened == NERF_STATUS_OK ? nerf_scene_describe(handle, &info_.value) : opened;
     }
     static vec3 vector(const float (&of)[3]) noexcept { return {of[0], of[1], of[2]}; }
-    /// Vector from `target` of nerf_scene_info to the viewpoint, world units.
+    /// Returns the vector from `target` to `eye` of nerf_scene_info, world units.
     vec3 eye() const noexcept { return vector(info().eye) - vector(info().target); }
 
     memory home_;
@@ -883,7 +883,7 @@ struct instance : detail::sized<nerf_instance> {
     }
 };
 
-/// Host's own rays. An empty view is passed to C as NULL. Example (C++20): `{.origins = a, .dirs = b}`.
+/// The host's own rays. An empty view is passed to C as NULL. Example (C++20): `{.origins = a, .dirs = b}`.
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {}, random = {};

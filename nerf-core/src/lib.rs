@@ -5,10 +5,11 @@
 //!
 //! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on
 //! all cores. The rest of the crate needs neither `std` nor `alloc`, can read fp16 weights directly from the file's
-//! bytes, and does all arithmetic of the hot path in f32. The caller queries the size of a workspace and supplies the
-//! memory. A [`Renderer`] is a scene prepared for one [`Kernel`]. A [`Plan`] holds the settings of a frame.
-//! A [`Worker`] holds a renderer, a plan and memory for any number of calls. In a microcontroller's build without debug
-//! assertions, neither opening a file nor rendering can panic: the linker proves this for `examples/firmware`.
+//! bytes, and computes in f32 unless the caller chooses bf16 weights. The caller queries the size of a workspace and
+//! supplies the memory. A [`Renderer`] is a scene prepared for one [`Kernel`]: an instruction set and a format of
+//! weights. A [`Plan`] holds the settings of a frame. A [`Worker`] holds a renderer, a plan and memory for any number
+//! of calls. In a microcontroller's build without debug assertions, neither opening a file nor rendering can panic: the
+//! linker proves this for `examples/firmware`.
 //!
 //! # The pipeline
 //!
@@ -44,7 +45,7 @@
 //! | `far` | distance that is output for pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far or, if larger, the camera's distance from the farthest corner of the box. With bins that cover only near to far: the scene's far. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length; in a scene with a fixed step, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
-//! | 2D field | x right, y down, each from 0 to 1 over the image, for any aspect ratio; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
+//! | 2D field (network fitted to an image) | x right, y down, each from 0 to 1 over the image, for any aspect ratio; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |
 //! | sinusoidal encoding | the inputs themselves (optional); then, for each level `k`, `sin(2^k s x)` of every input, followed by `cos(2^k s x)` of every input; `s` is π or 1 |
 //!
 //! No distance is called just "depth", since the word has three meanings: distance along the ray, distance along the

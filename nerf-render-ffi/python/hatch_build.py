@@ -1,4 +1,4 @@
-"""Adds what Cargo built, the files of `NERF_WHEEL_FILES`, to a wheel for `NERF_WHEEL_PLATFORM`."""
+"""Adds the files that Cargo built, from the folder `NERF_WHEEL_FILES`, to a wheel for `NERF_WHEEL_PLATFORM`."""
 
 import os
 from pathlib import Path

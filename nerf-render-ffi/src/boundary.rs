@@ -43,7 +43,7 @@ pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
-/// Caller's buffer for a NUL-terminated text, such as an error message; none if `text` is NULL or `capacity` is 0.
+/// Caller's buffer of `capacity` bytes for a NUL-terminated text. If `text` is NULL or `capacity` is 0: no buffer.
 #[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
@@ -53,12 +53,12 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Address range of the buffer's first byte, which every C function writes, even on success; empty if no buffer.
+    /// Returns the address range of the buffer's first byte, which even a successful call writes; empty if no buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes the text that `say` produces, cut to fit and NUL-terminated. Returns the uncut size with the NUL, bytes.
+    /// Writes the text that `say` produces, cut to fit and NUL-terminated. Returns the uncut size with NUL, bytes.
     pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
         let there = !self.text.is_null() && self.capacity > 0;
         let room = if there { self.capacity - 1 } else { 0 };
@@ -75,7 +75,7 @@ impl Message {
 /// Text writer that stores as many whole characters as fit into a buffer, and counts the bytes of the whole text.
 pub(crate) struct Cut {
     text: *mut c_char,
-    /// Number of bytes of text that fit into the buffer, with space left for the NUL.
+    /// Size of the buffer without the byte that is kept for the NUL.
     room: usize,
     kept: usize,
     all: usize,
@@ -115,12 +115,12 @@ pub(crate) trait Reason: fmt::Display {
     }
 }
 
-/// Runs the body of a call and converts its failure or panic to a status and a message.
+/// Runs `body`, converts its error or panic to a status, and writes the error's sentence to `message`.
 pub(crate) fn call(message: Message, body: impl FnOnce() -> Result<(), Failure>) -> Status {
     call_with_reason(message, body)
 }
 
-/// Runs the body of a call, as [`call`] does. The error may be any [`Reason`], such as one that names a file.
+/// Runs `body`, as [`call`] does. The error may be any [`Reason`], such as one that names a file.
 pub(crate) fn call_with_reason<R: Reason>(message: Message, body: impl FnOnce() -> Result<(), R>) -> Status {
     #[cfg(feature = "std")]
     let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(body)).unwrap_or_else(|payload| {
@@ -158,7 +158,7 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Address range of an array of `count` structures, all as long as the first's `struct_size`; empty if `first` is NULL.
+/// Returns the address range of `count` structures of `*first` bytes (a `struct_size`) each; empty if `first` is NULL.
 ///
 /// # Safety
 /// `first` is NULL or points to a structure that [`read_versioned`] has read.
@@ -236,7 +236,7 @@ pub(crate) struct Out<T> {
 }
 
 impl<T: Versioned> Out<T> {
-    /// Checks the pointer and `struct_size`, before the call does any work.
+    /// Checks the pointer and `struct_size`. Returns an error if `at` is NULL or misaligned, or the size out of range.
     ///
     /// # Safety
     /// `at` is NULL or points to `struct_size` bytes that may be read and written until the call ends.
@@ -268,7 +268,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a call that writes the result of `body`, a size in bytes, to `size`, and the alignment of [`Line`] to `align`.
+/// Runs a call that writes the size that `body` computes, bytes, to `size`, and the alignment of [`Line`] to `align`.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

@@ -101,8 +101,9 @@ pub(crate) unsafe fn read_vec3(name: &'static str, at: *const f32) -> Result<Vec
 /// Places a camera at `eye`, looking at `target`; the direction `up` points upwards in the image.
 ///
 /// `camera`: the caller sets `struct_size`; the other fields may have any values. The call writes only `c2w`, and only
-/// on success. `eye`, `target`, `up`: three floats each, world units; `up` of any length. `NERF_STATUS_CAMERA` if
-/// `eye` equals `target`, or `up` is 0 or parallel to the view axis. `message`: NULL, or a buffer for an error message.
+/// on success. `eye`, `target`, `up`: three floats each, world units; `up` may have any length. `message`: NULL, or a
+/// buffer for an error message. Returns `NERF_STATUS_CAMERA` if `eye` equals `target`, if `up` is 0 or parallel to the
+/// view axis, or if a float is not finite.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -134,7 +135,7 @@ pub unsafe extern "C" fn nerf_camera_look_at(
 /// outside the image. `origin`, `dir`: three floats each, world space; `dir` has unit length and takes account of the
 /// lens distortion. `z_per_distance`: NULL, or receives the cosine of the angle between ray and view axis; a distance
 /// along the ray times this cosine is the distance along the view axis. Results are written on success only. Returns
-/// `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the image point, or if the
+/// `NERF_STATUS_CAMERA` if the direction overflows, if the distortion has no inverse at the image point, or if the
 /// distorted image folds over itself between principal point and image point. `message`: NULL, or a buffer for an error
 /// message.
 ///

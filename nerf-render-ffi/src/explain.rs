@@ -1,4 +1,4 @@
-//! Report of a worker's frames in English: which stages run, and why the others do not.
+//! Report of a worker's frames in English: which rendering stages run, and why the other stages do not.
 
 use crate::boundary::{Message, call, check_out, read_versioned};
 use crate::counters::Counters;
@@ -8,8 +8,8 @@ use core::ffi::c_char;
 use core::fmt::Write;
 use nerf_core::render;
 
-/// Writes an English report of a worker's frames: which stages are on, and why the other stages are off. If `counters`
-/// is not NULL, also reports the work of each stage.
+/// Writes an English report of a worker's frames: which rendering stages run, and why the other stages do not. If
+/// `counters` is not NULL, also reports the work of each stage.
 ///
 /// The text is for people: its wording may change between versions. If the worker has several instances, the text has
 /// one part for each instance.

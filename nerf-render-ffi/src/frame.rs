@@ -58,7 +58,7 @@ pub struct Frame {
     pub camera: *const Camera,
     /// Rectangle to render; NULL for the whole image. An empty rectangle writes nothing.
     pub rect: *const Rect,
-    /// Planes that receive the pixels. A plane must be NULL if `nerf_request` did not ask for its output.
+    /// Planes for the pixels. A plane's `data` must be NULL if `outputs` of `nerf_request` lacks the plane's flag.
     pub target: *const Target,
     /// Image width, pixels, if a 2D field is rendered. Must be 0 for a scene, since `camera` has the width.
     pub width: u32,
@@ -131,8 +131,8 @@ pub unsafe extern "C" fn nerf_render(
 /// 1x1 to 8388608x8388608 shows the whole field. `picture_width` and `picture_height` of `nerf_scene_info` give the
 /// field's own aspect ratio. To show a detail, render a rectangle of a large image.
 ///
-/// `worker`: must be opened for the 2D field. Of the options only `maths`, `batch_rays` and `batch_samples` matter. All
-/// planes of the target but `rgb` must be NULL. A 2D field is opaque: alpha is 1. All else is as in `nerf_render`.
+/// `worker`: must be opened for the 2D field. Of the worker's options, only `maths`, `batch_rays` and `batch_samples`
+/// matter. Every plane of the target but `rgb` must have `data` NULL. Alpha is 1. All else is as in `nerf_render`.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of

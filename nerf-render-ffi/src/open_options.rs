@@ -10,9 +10,9 @@ use nerf_core::Isa;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Kernel {
-    /// The fastest instruction set of this machine. In a library built with std, the environment variable `NERF_KERNEL`
-    /// can name another: "portable", "avx2", "avx512", "simd128" or "neon". With `NERF_STORAGE_AUTO`, the variable also
-    /// selects the storage of the weights: f16 or bf16 if "-f16" or "-bf16" follows the name, else f32.
+    /// The fastest instruction set of this machine. In a library with the feature `std`, the environment variable
+    /// `NERF_KERNEL` can name another: "portable", "avx2", "avx512", "simd128" or "neon". With `NERF_STORAGE_AUTO`, the
+    /// variable also selects the storage of the weights: f16 or bf16 if "-f16" or "-bf16" follows the name, else f32.
     Auto = 0,
     /// Portable f32 code without fused multiply-adds; available on every machine.
     Portable = 1,

@@ -50,7 +50,7 @@ pub struct PaceRequest {
     pub outputs: u32,
     /// Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first that takes longer.
     pub limit_milliseconds: f32,
-    /// Clock, called with `user`; must not use the workspace. NULL for the library's clock (only if built with std).
+    /// Clock, called with `user`; must not use the workspace. NULL for the library's clock, which needs feature `std`.
     pub clock: Clock,
     /// Argument passed to `clock`.
     pub user: *mut c_void,
@@ -60,7 +60,7 @@ versioned!(unsafe PaceRequest, "request", by_width(32, 56));
 
 /// Computes the size and alignment of the workspace that `nerf_pace_measure` needs.
 ///
-/// `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
+/// `size` and `align`, bytes, are written on success only. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -134,7 +134,7 @@ pub unsafe extern "C" fn nerf_pace_measure(
     })
 }
 
-/// Returns the request at `at`, the request's scene, and a plan of the request's options, but with exact quality.
+/// Returns the request at `at`, its scene, and a plan of its options with the quality settings of the exact rendering.
 ///
 /// # Safety
 /// As for [`nerf_pace_measure`].
@@ -152,7 +152,7 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     Ok((request, scene, plan))
 }
 
-/// Returns a function that reads the time, microseconds: from `clock`, or, if `None`, from the library's clock.
+/// Returns a function that reads the time, microseconds: from `clock`, or std's clock if `None`; an error without std.
 fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
     #[cfg(feature = "std")]
     let start = std::time::Instant::now();

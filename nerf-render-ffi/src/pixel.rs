@@ -7,7 +7,7 @@ use crate::outputs::{
 use core::fmt;
 use nerf_core::volume;
 
-/// The format of a plane's pixel in memory; 8-bit channels are clamped and rounded half up.
+/// Format of a plane's pixel in memory. An 8-bit channel maps [0, 1] to 0 to 255, clamped and rounded half up.
 ///
 /// RGB is composited over the background. RGBA is the scene without background: alpha is the opacity, and the colour is
 /// premultiplied by alpha. `rgb + (1 - alpha) * background` gives the colour of the RGB format. Values are linear light
@@ -100,7 +100,7 @@ impl Channel {
         self.about().0
     }
 
-    /// Whether `outputs` has this channel's flag; always true for a channel that needs no flag.
+    /// Returns whether `outputs`, `NERF_OUTPUT_*` or-ed, has this channel's flag; true if the channel needs no flag.
     pub fn is_in(self, outputs: u32) -> bool {
         self.about().1 & !outputs == 0
     }

@@ -57,6 +57,7 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
+    /// Returns element `i`.
     /// # Safety
     /// [`Floats::check`] accepted the array with a `count` above `i`, and `each = EACH`. The memory is readable.
     #[inline]
@@ -79,22 +80,22 @@ pub struct Rays {
     /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Directions are not normalised
     /// again: a ray's distances are in units of its direction's length.
     pub dirs: Floats,
-    /// Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene with a fixed
-    /// step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample interval
-    /// begins at `t_min` or where the ray enters the box, whichever is farther: changing `t_min` can move all samples.
-    /// In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
+    /// Distance along each ray at which visibility begins, world units, at least 0; `data` NULL for 0. In a scene with
+    /// a fixed step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample
+    /// interval begins at `t_min` or where the ray enters the box, whichever is farther: changing `t_min` can move all
+    /// samples. In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
     pub t_min: Floats,
-    /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
-    /// end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
+    /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; `data` NULL
+    /// for no end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
     pub t_max: Floats,
-    /// One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. A 1, which rounding to
-    /// float can produce, is replaced by the largest float below 1.
+    /// One random number in [0, 1) per ray for `nerf_sample_rays`; `data` NULL for `nerf_render_rays`. A 1, which
+    /// rounding to float can produce, is replaced by the largest float below 1.
     pub random: Floats,
     /// Axis along which `z_depth` is measured: three floats, unit length like `dirs`. A camera's axis is the direction
     /// of the ray through the principal point. May be NULL if the target has no plane `z_depth`.
     pub axis: *const f32,
     /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. A ray and its results may be fields
-    /// of one structure. The planes `limit_ray_distance` and `limit_z_depth` must be NULL: `t_max` limits each ray.
+    /// of one structure. In the planes `limit_ray_distance` and `limit_z_depth`, `data` must be NULL: use `t_max`.
     pub target: *const Target,
 }
 
@@ -108,7 +109,7 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 /// visible point. Without jitter, the rays of a camera's pixels give the camera's image, bit for bit. For shadow rays,
 /// render the opacity alone, which is less work: the opacity is the same with and without other planes.
 ///
-/// All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is not NULL, or if a
+/// All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is set, or if a
 /// ray has an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0
 /// or above `t_max`; the message names the first such ray. Returns `NERF_STATUS_OPTIONS` for anti-aliasing or an
 /// aperture, which belong to cameras. `counters`: NULL, or receives counts of the work on success. `message`: NULL, or

@@ -27,9 +27,9 @@ pub const NERF_NONE: f32 = -1.0;
 pub enum Maths {
     /// The library's own polynomials, vectorised.
     Polynomial = 0,
-    /// The `libm` crate, one value at a time.
+    /// The Rust crate `libm`, one value at a time.
     Libm = 1,
-    /// The `micromath` crate: small code, low accuracy.
+    /// The Rust crate `micromath`: small code, low accuracy.
     Micromath = 2,
     /// As `NERF_MATHS_POLYNOMIAL`, but the positional encoding computes sin and cos of each frequency from the next
     /// lower one by angle doubling: errors grow with the frequency.

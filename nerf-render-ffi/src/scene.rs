@@ -32,6 +32,7 @@ const _: () = {
 };
 
 impl Scene {
+    /// Returns the scene of a handle; an error if `scene` is NULL or misaligned.
     /// # Safety
     /// `scene` is NULL or an opened scene's handle. During `'a`, nobody frees, moves or changes the scene's memory or
     /// the scene file's bytes.
@@ -54,7 +55,7 @@ impl Scene {
     }
 }
 
-/// Number of [`Line`]s (64 bytes each) that an opened scene takes in the caller's memory.
+/// Returns the number of [`Line`]s (64 bytes each) that an opened scene takes in the caller's memory.
 pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
     lines_for::<Scene>(1) + Renderer::prepared_lines(blob, kernel)
 }
@@ -102,10 +103,10 @@ pub unsafe extern "C" fn nerf_scene_memory(
 
 /// Opens a scene in the caller's memory; allocates nothing and owns nothing.
 ///
-/// The scene borrows `blob` (the scene file's bytes) and `memory`: the caller must not move or change `blob` and
-/// `memory` while the scene is used. `memory` must have at least the size and alignment from `nerf_scene_memory`.
-/// `blob` and `memory` must not overlap each other, `scene` or `message`. `scene` receives the handle on success only;
-/// there is nothing to close. `message`: NULL, or a buffer for an error message.
+/// The scene borrows `blob` (the scene file's bytes) and `memory`: the caller must not move or change these while the
+/// scene is used. `memory` must have at least the size and alignment from `nerf_scene_memory` for the same `options`
+/// (NULL for all zeros). `blob` and `memory` must not overlap each other, `scene` or `message`. `scene` receives the
+/// handle on success only; there is nothing to close. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

@@ -32,6 +32,7 @@ impl Owned {
         Self { blob: NonNull::from(blob), memory: NonNull::from(memory) }
     }
 
+    /// Frees `blob` and `memory`.
     /// # Safety
     /// Nothing uses `blob` and `memory` any more.
     unsafe fn free(self) {
@@ -92,11 +93,11 @@ impl From<io::Error> for Cause {
     }
 }
 
-/// Opens a scene from a file, in memory that the library owns: `nerf_scene_close` frees it.
+/// Opens a scene from a file, in memory that the library allocates and `nerf_scene_close` frees.
 ///
-/// For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes elsewhere,
-/// NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing stays
-/// allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
+/// For hosts with a heap; only in a library with the feature `std`. `path`: NUL-terminated; UTF-8 on Windows, the
+/// system's bytes elsewhere. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure
+/// nothing stays allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.
@@ -148,7 +149,7 @@ pub unsafe extern "C" fn nerf_scene_open_file(
 
 /// Frees a scene that `nerf_scene_open_file` opened. Does nothing for NULL and for a scene in the caller's memory.
 ///
-/// Only in a library built with `std`.
+/// Only in a library with the feature `std`.
 ///
 /// # Safety
 /// `scene` is NULL or the handle of an opened scene that was not closed before, and that no thread uses now or later.

@@ -18,7 +18,7 @@ pub enum Kind {
     Picture = 2,
 }
 
-/// Format of the tables of a scene's learned grid.
+/// Number format of the feature tables of a scene's learned grid (multiresolution hash grid).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum TableStorage {

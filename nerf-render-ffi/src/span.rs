@@ -30,7 +30,7 @@ impl Span {
         Self::new(name, start.cast(), length)
     }
 
-    /// Whether `self` and `other` share a byte.
+    /// Returns whether `self` and `other` share a byte.
     fn meets(self, other: Self) -> bool {
         let shared = self.start.max(other.start)..(self.start + self.length).min(other.start + other.length);
         !shared.is_empty()
@@ -71,7 +71,7 @@ impl Pieces {
     }
 }
 
-/// Memory of a plane: `rows` × `columns` disjoint pixels of `size` bytes; gaps may lie between pixels and between rows.
+/// Memory of a plane: `rows` × `columns` disjoint pixels of `size` bytes; gaps between pixels or rows are allowed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneBytes {
     /// Lowest address of the plane.
@@ -114,7 +114,7 @@ impl PlaneBytes {
         self.columns == 0 || self.rows == 0
     }
 
-    /// Bytes from the start of a row's first pixel to the end of its last pixel; the plane must not be empty.
+    /// Returns the length of a row, bytes: start of first pixel to end of last pixel. The plane must not be empty.
     fn row_length(&self) -> usize {
         (self.columns - 1) * self.pixel_stride + self.size
     }
@@ -129,7 +129,7 @@ impl PlaneBytes {
             && offset.saturating_add(high.size) <= low.pixel_stride
     }
 
-    /// Whether a pixel of the plane overlaps the `length` bytes that begin at `at`; the plane must not be empty.
+    /// Returns whether a pixel of the plane overlaps the `length` bytes from address `at`; the plane must not be empty.
     fn has_any(&self, at: usize, length: usize) -> bool {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
         // Index of the first element that ends after offset `place`. An element starts every `stride` bytes.

@@ -29,7 +29,7 @@ pub struct Plane {
 
 /// The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
 ///
-/// An output plane that is NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
+/// An output plane with `data` NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
 /// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
 ///
 /// A pixel without a surface (opacity 1e-4 or less) gets the distance `far`, the smallest of three: the pixel's limit
@@ -57,7 +57,7 @@ pub struct Target {
     /// length. 0 where opacity is 1e-4 or less, or where the directions cancel out. Costs about as much as two more
     /// samples per ray.
     pub normals: Plane,
-    /// Input, NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
+    /// Input, `data` NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
     /// distance to a surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the
     /// sample interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
     pub limit_ray_distance: Plane,
@@ -137,7 +137,7 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks each plane of a target with `check`. Returns an error if two outputs overlap. `read`: see `check`.
+    /// Checks all planes of a target. Returns an error if outputs overlap each other, or `read` (input arrays of rays).
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -235,8 +235,9 @@ impl Surface {
         PlaneBytes::new(self.data as usize, extent, (self.pixel_stride, self.row_stride), self.format.size())
     }
 
+    /// Returns the address of the pixel in column `x` and row `y`.
     /// # Safety
-    /// The pixel in column `x` and row `y`, whose address is returned, lies in the extent that was checked.
+    /// The pixel lies in the extent that was checked.
     #[inline]
     unsafe fn at(&self, x: usize, y: usize) -> *mut u8 {
         // SAFETY: `check` verified that the plane's span holds every pixel of the extent.

@@ -4,7 +4,7 @@ use nerf_core::memory::{Layout, Measure};
 use nerf_core::plan::Outputs;
 use nerf_core::volume::Pixel;
 
-/// The values of a pixel that are always stored, even if their outputs are not requested.
+/// Values of a pixel that are stored even if not requested.
 #[derive(Clone, Copy)]
 struct Plain {
     rgb: [f32; 3],

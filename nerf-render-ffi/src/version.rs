@@ -12,13 +12,13 @@ const TEXT: &CStr = match CStr::from_bytes_with_nul(concat!(env!("CARGO_PKG_VERS
     Err(_) => c"",
 };
 
-/// Version of the ABI that the library was built with; to be compared with `NERF_ABI_VERSION`.
+/// Returns the version of the ABI that the library was built with, to be compared with `NERF_ABI_VERSION`.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_abi_version() -> u32 {
     NERF_ABI_VERSION
 }
 
-/// Version of the library as text, such as "0.1.0"; the text is static and never freed.
+/// Returns the version of the library as text, such as "0.1.0"; the text is static and never freed.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_version_text() -> *const c_char {
     TEXT.as_ptr()

@@ -68,7 +68,7 @@ pub struct Worker {
     state: UnsafeCell<State>,
 }
 
-/// The renderer of a worker: of radiance fields, or of a 2D field.
+/// Renderer of a worker, for radiance fields or for a 2D field.
 #[allow(clippy::large_enum_variant, reason = "one lies in each worker, and nothing here allocates")]
 pub(crate) enum Work {
     Fields(render::Worker<'static>),
@@ -105,7 +105,7 @@ impl Worker {
     }
 }
 
-/// Calls `body` with exclusive access to the state. After a panic the worker stays busy: the state may be incomplete.
+/// Calls `body` with exclusive access to the worker's state; `Failure::Busy` during another call and after a panic.
 ///
 /// # Safety
 /// `worker` is NULL or the handle of an opened worker. The caller has not freed, moved or overwritten the memory of the
@@ -131,7 +131,7 @@ pub(crate) unsafe fn with_worker(
     result
 }
 
-/// Calls `body` with the state and a copy of `*asked`. Writes the result of `body` to `counters` if not NULL.
+/// Calls `body` with the worker's state and a copy of `*asked`. Writes the result of `body` to `counters` if not NULL.
 ///
 /// # Safety
 /// `worker` as in [`with_worker`]. `asked` and `counters`: NULL, or address of a structure of `struct_size` bytes.
@@ -195,6 +195,7 @@ struct Shares {
 }
 
 impl Checked {
+    /// Reads and checks the request at `at`.
     /// # Safety
     /// `at` is NULL or points to a request whose pointers are NULL or point to what [`Request`] describes.
     unsafe fn read(at: *const Request) -> Result<Self, Failure> {
@@ -242,6 +243,7 @@ impl Checked {
         unsafe { Scene::of(self.request.scene) }
     }
 
+    /// Returns the transform of instance `index`; the identity if the request has no instances.
     /// # Safety
     /// `index` is below [`Checked::count`]. The request is valid as in [`Checked::read`].
     #[cfg(feature = "instances")]
@@ -273,6 +275,7 @@ impl Checked {
         plan.map(Some).map_err(|failure| self.of_scene(index, failure))
     }
 
+    /// Computes the sizes of the parts of the worker's memory; an error if a scene does not suit the request.
     /// # Safety
     /// The request and its scenes are valid, as [`Checked::scene`] requires.
     unsafe fn shares(&self) -> Result<Shares, Failure> {
@@ -313,7 +316,7 @@ impl Checked {
 ///
 /// The size depends on the scene's network, the outputs, the batch and the number of instances, not on the image size.
 ///
-/// `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
+/// `size` and `align`, bytes, are written on success only. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -396,8 +399,9 @@ struct Lent {
 }
 
 impl Lent {
+    /// Returns the next `count` unused lines.
     /// # Safety
-    /// At least `count` lines are left. The next `count` lines, which are returned, are lent to the worker alone.
+    /// At least `count` lines are left, and are lent to the worker alone.
     #[inline]
     unsafe fn lines(&mut self, count: usize) -> &'static mut [Line] {
         let first = self.at;

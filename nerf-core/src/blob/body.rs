@@ -17,7 +17,7 @@ pub const MAX_TEXT: usize = 1024;
 /// Maximum number of points of a [`ParetoFront`].
 pub const MAX_FRONT: usize = 16;
 
-/// Body of a blob: everything after the header. Fields are in the order of the file.
+/// Body of a blob (`*.nerf` file): everything after the header. Fields are in the order of the file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Body<'a> {
     /// The network's shape: encodings, layers, activations.
@@ -95,7 +95,7 @@ impl<'a> StoredTables<'a> {
         }
     }
 
-    /// Name of the format: `f16`, `int8` or `coded`.
+    /// Returns the name of the tables' format: `f16`, `int8` or `coded`.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::F16(_) => "f16",
@@ -105,14 +105,14 @@ impl<'a> StoredTables<'a> {
     }
 }
 
-/// The content of a blob: a 2D field or a scene.
+/// The content of a blob: a 2D field (a network fitted to an image) or a scene.
 ///
 /// A 2D field's network has 2 inputs and no density head. A scene's network has 3 inputs and a density head.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Content {
-    /// Colour over a plane: a 2D field.
+    /// A 2D field: colour as a function of a point of an image.
     Picture(PictureFacts),
-    /// Density and colour in space: a scene.
+    /// A scene: density and colour as functions of a point in space.
     Scene(SceneFacts),
 }
 
@@ -139,7 +139,7 @@ pub struct SceneFacts {
     /// Largest distance from a training camera at which the camera's rays are sampled, world units. In an unbounded
     /// scene, `far` is measured from another point: see [`SceneSampling::Contracted`].
     pub far: f32,
-    /// Where samples lie on a ray: in equal bins, at equal steps, or at growing steps through unbounded space.
+    /// Placement of samples on a ray: in equal bins, at equal steps, or at growing steps through unbounded space.
     pub sampling: SceneSampling,
     /// Background colour (red, green, blue), sRGB-encoded, 0 to 1; visible where opacity is below 1.
     pub background: [f32; 3],
@@ -164,7 +164,7 @@ pub struct Viewpoint {
     pub arc: f32,
 }
 
-/// Where on a ray the scene's network is sampled.
+/// Placement of samples on a ray: in equal bins, at equal steps, or at growing steps through unbounded space.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SceneSampling {
     /// Equal bins from `near` to `far`, each with a sample at its middle. The value is the number of bins, 1 to
@@ -175,8 +175,8 @@ pub enum SceneSampling {
     /// world units: finite and above 0. The box's diagonal must have at most [`MAX_SAMPLES`] steps.
     March(f32),
     /// Steps through unbounded space, which [`Contraction`] maps into the scene box. Steps are equal in the inner ball,
-    /// where space is not contracted, and grow outside. Samples begin at `near`. They end at distance `far` past the
-    /// point of the ray that is nearest to the ball's middle.
+    /// where space is not contracted, and grow outside. Samples begin at distance `near` from the ray's origin, and end
+    /// at distance `far` past the point of the ray that is nearest to the ball's middle.
     Contracted {
         /// Length of a step in the inner ball as a fraction of the ball's radius: above 0 and at most 1. Since steps
         /// grow outside the ball, an infinite line through the ball's middle has a finite number of steps:
@@ -223,9 +223,9 @@ impl SceneFacts {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Length of a ray through the middle of the inner ball, from the ray's entry into the ball to distance `far` past
-    /// the middle; 0 in a bounded scene. Measured in positions `s` ([`Contraction::distance`]): inside the ball, one
-    /// unit of `s` is one radius of the ball; outside, one unit is more than one radius.
+    /// Length, in positions `s` of [`Contraction::distance`], of a ray through the middle of the contraction's inner
+    /// ball: from the ray's entry into the ball to distance `far` past the middle. Inside the ball, one unit of `s` is
+    /// one radius of the ball. 0 in a bounded scene.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -275,9 +275,10 @@ pub struct FrontPoint {
     pub samples: u16,
     /// Transmittance below which a ray ends, `[0, 1)`.
     pub transmittance_cut: f32,
-    /// Sum of compositing weights above which a colour is evaluated, `[0, 1)`; for details see `Quality::colour_cut`.
+    /// Compositing weight, summed over consecutive samples, above which a colour is evaluated, `[0, 1)`: see
+    /// [`Quality::colour_cut`](crate::plan::Quality::colour_cut).
     pub colour_cut: f32,
-    /// Whether empty cells are skipped; true only in a scene with an occupancy grid.
+    /// Whether empty cells of the occupancy grid are skipped; true only in a scene with an occupancy grid.
     pub occupancy: bool,
     /// Tag of the backend that computes exp, sin and the like: [`MathBackend::tag`](crate::math::MathBackend::tag).
     pub math: u8,
@@ -298,7 +299,7 @@ pub struct FrontPoint {
 /// coarse network, since rendering needs only the compositing weights of the coarse network's samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal<'a> {
-    /// Encoding of the position in the proposal network. The network of the scene may have another one.
+    /// Encoding of the position in the proposal network. The scene's network may encode positions differently.
     pub position: SinusoidalEncoding,
     /// Hidden layers of the trunk, in order. The first layer takes the encoded position alone. A later layer takes the
     /// previous layer's output, and also the encoded position if the layer has a skip connection.
@@ -335,13 +336,13 @@ pub struct Provenance<'a> {
     pub data: &'a str,
     /// Program and settings that made the blob.
     pub made_by: &'a str,
-    /// Number of optimiser steps.
+    /// Number of optimiser steps of the training run.
     pub steps: u32,
     /// Seed of the training run.
     pub seed: u64,
     /// Mean PSNR of this blob over the validation views, dB; `None` without validation views.
     pub psnr_db: Option<f32>,
-    /// Conventions by which the PSNR was measured: views, background, samples.
+    /// Text that says how the PSNR was measured: views, background, samples.
     pub psnr_convention: &'a str,
     /// Decrease of the PSNR over the validation views that is caused by rounding weights and tables to their stored
     /// format, dB. Negative if rounding increases the PSNR; `None` if not measured.

@@ -112,7 +112,7 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether rays of the scene can have `samples` samples: 1 to [`MAX_SAMPLES`], at distances above 0 from each other.
+/// Whether rays of the scene can have `samples` samples: 1 to [`MAX_SAMPLES`], at a spacing that does not round to 0.
 fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {
@@ -164,7 +164,7 @@ fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     if body.tables.is_some() { Err(BlobError::Field(Section::Tables)) } else { Ok(()) }
 }
 
-/// Checks a grid encoding's tables: lengths, scales, and that all values are finite. Other encodings must have none.
+/// Checks a grid encoding's tables: lengths, scales, finite values. Without a grid encoding, tables are an error.
 #[cfg(feature = "grid")]
 fn check_tables(body: &Body<'_>) -> Result<(), BlobError> {
     use super::body::StoredTables;

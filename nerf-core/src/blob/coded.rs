@@ -22,8 +22,8 @@ const LEAST: u32 = 1 << 16;
 const OFFSET: u8 = 0x88;
 /// Upper 4 bits of every small value (-8 to 7) after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of classes of the entropy coder's contexts. The class for a value depends on the sum of two magnitudes: of
-/// the previous value, and of the same feature's value in the previous table entry.
+/// Number of magnitude classes that the entropy coder distinguishes. The class for the next value depends on the sum of
+/// two magnitudes: of the previous value, and of the same feature's value in the previous table entry.
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
@@ -139,12 +139,12 @@ enum Half {
     Lower,
 }
 
-/// Decodes the values of all levels of `grid` in order and passes each to `put`. The time is bounded even for damaged
-/// bytes: one byte yields at most 6,100 values.
+/// Decodes the int8 values of all levels of `grid` in order and passes each to `put`. The time is bounded even for
+/// damaged bytes: one byte yields at most 6,100 values.
 ///
 /// # Errors
-/// [`BlobError::CodedEnd`] if `bytes` end too early. [`BlobError::CodedRest`] if the decoder begins or ends in a state
-/// in which no encoder ends or begins, or if bytes are left.
+/// [`BlobError::CodedEnd`] if `bytes` end too early. [`BlobError::CodedRest`] if the decoder's initial state is below
+/// 65536, if its last state is not 65536, or if bytes are left.
 pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8)) -> Result<(), BlobError> {
     let (first, rest) = bytes.split_first_chunk().ok_or(BlobError::CodedEnd { level: 0, index: 0 })?;
     let (mut state, words) = (u32::from_le_bytes(*first), rest.as_chunks::<2>());

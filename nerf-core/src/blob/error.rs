@@ -86,7 +86,7 @@ errors! {
 }
 
 errors! {
-    /// Why a blob cannot be opened or written.
+    /// Reason why a blob cannot be opened or written.
     BlobError:
     NotABlob => "not a .nerf blob: the first bytes are not its magic";
     Truncated { expected: u64, found: u64 } => "truncated: expected {expected} bytes, found {found}";
@@ -130,8 +130,8 @@ errors! {
         "{section}: expected {expected} bytes, found {found}";
     EncodingDomain { found: f32, limit: f32 } =>
         "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}";
-    /// A parameter of the scene's network or of the proposal network is infinite or NaN. `index` counts the layer's
-    /// weights, then its biases.
+    /// A parameter of the network or of the proposal network is infinite or NaN. `index` counts the layer's weights,
+    /// then its biases.
     Weight { section: Section, role: Role, index: u32 } =>
         "{section}: layer {role:?}, parameter {index} is not finite";
     TableScale { level: u8, found: f32 } =>

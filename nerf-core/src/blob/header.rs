@@ -17,7 +17,7 @@ const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
 /// Position in the header of the CRC-32 (ISO-HDLC) of header and body. The CRC is computed with zeros in place of the
-/// bytes `CHECKSUM` and `RESERVED`.
+/// header's bytes from `CHECKSUM` on.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 
@@ -25,7 +25,7 @@ const ENDIAN_TAG: u16 = 0xfeff;
 /// CRC-32 with one table of 1 KiB, small enough for a microcontroller.
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
-/// Returns the header of a blob with this body.
+/// Returns the header of a blob that has the given body.
 pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
     let mut header = [0; HEADER_LEN];
     header[..MAGIC.len()].copy_from_slice(&MAGIC);
@@ -37,7 +37,7 @@ pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
     header
 }
 
-/// Checks the header and returns the body.
+/// Checks the header of a blob, including the checksum over header and body, and returns the body.
 pub(super) fn open(bytes: &[u8]) -> Result<&[u8], BlobError> {
     let found = bytes.len() as u64;
     let magic = bytes.len().min(MAGIC.len());

@@ -1,4 +1,4 @@
-//! Opening a blob: the bytes are checked once and then borrowed.
+//! Opening a blob (a `*.nerf` file): the bytes are checked once and then borrowed.
 
 use super::body::{Body, Content, FrontPoint, PictureFacts, Proposal, Provenance, SceneFacts, StoredTables};
 use super::check::{check_coded, check_undecoded};
@@ -13,12 +13,12 @@ use postcard::de_flavors::Slice;
 use postcard::ser_flavors::Flavor;
 use serde::Deserialize;
 
-/// First byte of a body if a grid encodes the position.
+/// First byte of a blob's body if the position encoding is a grid.
 #[cfg(not(feature = "grid"))]
 const GRID_TAG: u8 = 1;
 
-/// Reads the body section by section, so that an error can name the section. A macro, since a function would copy the
-/// large body.
+/// Reads a blob's body section by section, so that an error can name the section. A macro, since a function would copy
+/// the large body.
 macro_rules! read_body {
     ($input:expr) => {
         Body {
@@ -41,7 +41,7 @@ macro_rules! read_body {
     };
 }
 
-/// An opened blob: a checked view of the caller's bytes.
+/// An opened blob (`*.nerf` file): a checked view of the caller's bytes.
 #[derive(Clone, Debug)]
 pub struct Blob<'a> {
     body: Body<'a>,
@@ -59,11 +59,11 @@ impl<'a> Blob<'a> {
         Ok(blob)
     }
 
-    /// Opens a blob as [`Blob::open`] does, but does not check coded tables, since that check takes as long as
+    /// Opens a blob as [`Blob::open`] does, but does not check entropy-coded tables, since that check takes as long as
     /// decoding. For callers that decode the tables next, such as [`Renderer::new`](crate::render::Renderer::new).
     ///
     /// # Errors
-    /// As [`Blob::open`], except for faults of the coded tables.
+    /// The errors of [`Blob::open`], except for faults of entropy-coded tables.
     pub fn open_undecoded(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let bytes = header::open(bytes)?;
         #[cfg(not(feature = "grid"))]
@@ -77,8 +77,8 @@ impl<'a> Blob<'a> {
         Ok(Self { body })
     }
 
-    /// Reads the body again from bytes that were opened before, without another check. Fails only if the bytes were
-    /// never opened successfully.
+    /// Opens a blob whose bytes [`Blob::open`] or [`Blob::open_undecoded`] has accepted before, without another check.
+    /// Can fail only if the bytes were not accepted.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn decode(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let mut input = Deserializer::from_bytes(bytes.get(header::HEADER_LEN..).unwrap_or_default());
@@ -107,7 +107,7 @@ impl<'a> Blob<'a> {
         self.body.architecture.layers()
     }
 
-    /// Bounds of the scene, placement of samples, background and default viewpoint; `None` in a 2D field.
+    /// Bounds of the scene, placement of samples, background and default viewpoint; `None` in a 2D field (an image).
     pub fn scene(&self) -> Option<&SceneFacts> {
         match &self.body.content {
             Content::Scene(scene) => Some(scene),
@@ -123,12 +123,12 @@ impl<'a> Blob<'a> {
         }
     }
 
-    /// The scene box; `None` in a 2D field.
+    /// The axis-aligned box that bounds the scene, world units; `None` in a 2D field (an image).
     pub fn scene_box(&self) -> Option<SceneBox> {
         Some(self.scene()?.bounds())
     }
 
-    /// The occupancy grid; `None` in a 2D field and in a scene without an occupancy grid.
+    /// The occupancy grid; `None` in a 2D field (an image) and in a scene without an occupancy grid.
     pub fn occupancy(&self) -> Option<OccupancyGrid<'a>> {
         let occupancy = self.body.occupancy.as_ref()?;
         Some(OccupancyGrid::new(self.scene_box()?, occupancy.resolution, occupancy.bits))
@@ -159,12 +159,13 @@ impl<'a> Blob<'a> {
         self.body.tables
     }
 
-    /// Number of bytes that coded tables decode to; 0 for other tables, which are read directly from the blob's bytes.
+    /// Number of bytes that the entropy-coded grid tables decode to; 0 if the blob has no entropy-coded tables.
     pub fn decoded_len(&self) -> usize {
         self.body.coded().map_or(0, |(grid, _)| grid.values())
     }
 
-    /// Decodes entropy-coded tables into `to`, which must have [`Blob::decoded_len`] bytes. Ignores other tables.
+    /// Decodes entropy-coded grid tables into `to`, one signed 8-bit integer per byte; `to` must have
+    /// [`Blob::decoded_len`] bytes. Does nothing if the blob has no entropy-coded tables.
     ///
     /// # Errors
     /// Cannot fail after [`Blob::open`]. After [`Blob::open_undecoded`], fails if the coded bytes are invalid.

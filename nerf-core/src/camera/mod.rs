@@ -21,7 +21,7 @@ const MAX_NORMALISED: f32 = 1e9;
 /// A half line in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Start, world units.
+    /// Start of the ray, world units.
     pub origin: Vec3,
     /// Direction, **unit length**, so that `t` in [`Ray::at`] is a distance in world units.
     pub dir: Vec3,
@@ -90,7 +90,7 @@ impl Pose {
         ]
     }
 
-    /// The pose of a camera at `eye` that looks at `target`, with `up` upwards in its image.
+    /// The pose of a camera at `eye` that looks at `target`, with `up` pointing upwards in the image.
     ///
     /// `None` if `eye` equals `target`, if `up` is 0 or parallel to the line of sight (within 1e-4 rad, where the
     /// cross product is rounding noise), or if a component is NaN.
@@ -161,7 +161,8 @@ impl Camera {
     /// - a principal point or a lens that is not finite, or a fisheye with a `p1`, `p2`, `k5` or `k6` other than 0;
     /// - a position with a coordinate outside ±1e9, or a rotation matrix that is not a rotation within 1e-3;
     /// - an image point more than 1e9 focal lengths off the principal point;
-    /// - a lens that cannot be inverted at one of 17×17 image points, or folds between the axis and the image border;
+    /// - a lens that cannot be inverted at one of 17×17 image points;
+    /// - a lens that folds (shows two directions at one image point) between the axis and the image border;
     /// - a lens with distortion in a build without the feature `lens`.
     pub fn new(intrinsics: Intrinsics, lens: Lens, pose: Pose) -> Result<Self, CameraError> {
         let Intrinsics { width, height, fx, fy, cx, cy } = intrinsics;
@@ -195,7 +196,7 @@ impl Camera {
         Ok(camera)
     }
 
-    /// Checks that the image's corners, and so all of its points, are within [`MAX_NORMALISED`] of the principal point.
+    /// Checks that all points of the image are within [`MAX_NORMALISED`] focal lengths of the principal point.
     fn check_view(&self) -> Result<(), CameraError> {
         let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
         for (x, y) in [(0.0, 0.0), (w, h)] {
@@ -245,7 +246,7 @@ impl Camera {
         Ok(Self { pose, ..*self })
     }
 
-    /// Returns this camera in a field's coordinates. `pose`: this camera's pose, transformed to the field; not checked.
+    /// Returns this camera in the coordinates of one instance's field. `pose`: camera-to-field transform, not checked.
     #[cfg(feature = "instances")]
     pub(crate) fn moved(&self, pose: Pose) -> Self {
         Self { pose, ..*self }

@@ -63,7 +63,7 @@ impl PositionEncoding {
         }
     }
 
-    /// The grid; `None` for a sinusoidal encoding.
+    /// The grid encoding; `None` for a sinusoidal encoding.
     pub fn grid(&self) -> Option<&GridEncoding> {
         match self {
             Self::Sinusoidal(_) => None,

@@ -79,7 +79,7 @@ impl Image {
         set(&mut self.normals, i, pixel.normal);
     }
 
-    /// The colours as bytes in the layout of image files: red, green, blue of each pixel, row by row.
+    /// Returns the colours as bytes, 0 to 255: red, green, blue of each pixel, row by row; empty if not requested.
     pub fn rgb8(&self) -> Vec<u8> {
         self.rgb.iter().flatten().map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8).collect()
     }

@@ -29,7 +29,7 @@ impl<'s> Request<'s> {
         }
     }
 
-    /// Sets which values a pixel gets; by default [`Outputs::ALL`].
+    /// Sets the outputs that are computed for each pixel; by default [`Outputs::ALL`].
     pub fn outputs(mut self, outputs: Outputs) -> Self {
         self.outputs = outputs;
         self
@@ -70,7 +70,7 @@ impl<'s> Request<'s> {
         Ok(threads::render_rays(&renderer, &plan, rays, axis, self.threads)?.0)
     }
 
-    /// Renders a 2D field in `width` × `height` pixels, display-encoded, row by row.
+    /// Renders a 2D field in `width` × `height` pixels. Returns display-encoded colours, row by row from the top left.
     ///
     /// # Errors
     /// [`HostError::Render`] if the file is a scene, if there is not enough memory, or if `width` or `height` is 0 or

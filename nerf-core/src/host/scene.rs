@@ -58,8 +58,8 @@ impl Scene {
         Self::for_kernel(bytes, Kernel::detect())
     }
 
-    /// Opens a scene from its file's bytes, for rendering with `kernel`, or with [`Kernel::IN_PLACE`] if `kernel` is
-    /// not available.
+    /// Opens a scene from its file's bytes, for rendering with `kernel`, or with [`Kernel::IN_PLACE`] if this machine
+    /// or build does not support `kernel`.
     ///
     /// # Errors
     /// As [`Scene::from_bytes`].
@@ -81,7 +81,7 @@ impl Scene {
         Blob::decode(&self.bytes).unwrap_or_else(|_| unreachable!("checked bytes decode"))
     }
 
-    /// A renderer that borrows this scene, for callers that manage memory and threads themselves.
+    /// Returns a renderer that borrows this scene, for callers that manage memory and threads themselves.
     pub fn renderer(&self) -> Renderer<'_> {
         let Prepared { unpacked, decoded } = &self.prepared;
         let prepared =

@@ -50,7 +50,8 @@ pub fn render(
     Ok(image)
 }
 
-/// Renders one pixel for each of the caller's `rays` on `threads` threads ([`Worker::render_rays`]).
+/// Renders one pixel per ray on `threads` threads, as [`Worker::render_rays`] does. Returns the pixels in the order of
+/// `rays`, and counters. `axis`: unit vector along which `z_depth` is measured; `None` for a `z_depth` of 0.
 ///
 /// [`Worker::render_rays`]: crate::render::Worker::render_rays
 ///
@@ -88,7 +89,7 @@ pub fn render_rays(
 /// top left. `finished` is called with the number of rows finished since the previous call.
 ///
 /// # Errors
-/// [`RenderError`] if the blob is a scene, if a side is 0 or above `MAX_RENDER_SIDE`, or if memory does not suffice.
+/// [`RenderError`] if the blob is a scene, if a side is 0 or above `MAX_RENDER_SIDE`, or if there is not enough memory.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,

@@ -8,16 +8,16 @@ use super::Init;
 use crate::simd::Isa;
 use half::bf16;
 
-/// Part of a layer: the weights of its main or of its appended inputs, and these inputs.
+/// One group of inputs of a layer, either the main or the appended ones, with the weights that multiply the group.
 #[derive(Clone, Copy, Debug)]
 pub struct PairedInput<'a> {
-    /// Weights in pairs: for each output, a row of `row` words, of which the first `pairs` are used.
+    /// Weights as pairs of bf16: for each output, a row of `row` words, of which the first `pairs` are used.
     pub weights: &'a [f32],
     /// Distance from one row of weights to the next, 32-bit words.
     pub row: usize,
     /// Number of pairs of inputs.
     pub pairs: usize,
-    /// Inputs of the samples in pairs, `[pairs][stride]`.
+    /// Inputs of a block of samples, as pairs of bf16, `[pairs][stride]`.
     pub inputs: &'a [f32],
 }
 
@@ -26,8 +26,8 @@ pub struct PairedInput<'a> {
 pub enum PairedOutput {
     /// f32 values, `[outputs][stride]`.
     Floats,
-    /// Words of two successive outputs, rounded to bf16: the input format of the next layer,
-    /// `[pairs(outputs)][stride]`.
+    /// 32-bit words, each of two successive outputs rounded to bf16, `[pairs(outputs)][stride]`: the input format of
+    /// the next layer.
     Pairs,
 }
 
@@ -36,14 +36,14 @@ pub const fn pairs(count: usize) -> usize {
     count.div_ceil(2)
 }
 
-/// Packs two values into a word, each rounded to the nearest bf16, ties to even.
+/// Packs two values into the 32 bits of one f32, each value rounded to the nearest bf16, ties to even.
 #[inline]
 pub fn pair(low: f32, high: f32) -> f32 {
     let [low, high] = [low, high].map(|x| u32::from(bf16::from_f32(x).to_bits()));
     f32::from_bits(high << 16 | low)
 }
 
-/// Unpacks the two values of a word: low half, high half.
+/// Unpacks the two bf16 values in the 32 bits of `word`: low half, high half.
 #[inline]
 pub fn unpair(word: f32) -> [f32; 2] {
     [f32::from_bits(word.to_bits() << 16), f32::from_bits(word.to_bits() & 0xffff_0000)]

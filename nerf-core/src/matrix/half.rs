@@ -14,7 +14,8 @@ pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Ini
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }
 
-/// Reads the `i`-th little-endian f16 of `bytes` and converts it to f32.
+/// Reads the `i`-th little-endian f16 of `bytes` and converts it to f32. If `bytes` are too short: panics with debug
+/// assertions, else returns 0.
 #[inline(always)]
 pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
     let pair = tail(bytes, 2 * i).first_chunk();

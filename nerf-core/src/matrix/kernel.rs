@@ -1,4 +1,4 @@
-//! The storage of weights, and the instruction set that multiplies them.
+//! The kernel that a scene is rendered with: an instruction set and a memory format of weights.
 
 use crate::names::names;
 use crate::simd::{Isa, VECTORS};
@@ -75,7 +75,7 @@ impl Kernel {
         matches!(self.storage, Storage::Bf16)
     }
 
-    /// Parses the displayed form of a kernel; `None` if the name is unknown.
+    /// Parses a kernel's displayed name, such as `avx2` or `avx2-f16`; `None` if the name is unknown.
     pub fn by_name(name: &str) -> Option<Self> {
         let (isa, storage) = name.split_once('-').unwrap_or((name, Storage::F32.name()));
         let isa = Isa::ALL.into_iter().find(|it| it.name() == isa)?;

@@ -19,8 +19,8 @@ pub const fn lines_for<T>(count: usize) -> usize {
     count.saturating_mul(size_of::<T>()).div_ceil(size_of::<Line>())
 }
 
-/// Source of the buffers of a stage: [`Measure`] counts the 64-byte lines that the buffers need, [`Arena`] allocates
-/// the buffers.
+/// Source of the buffers of a rendering stage: [`Measure`] counts the 64-byte lines that the buffers need, [`Arena`]
+/// allocates the buffers.
 pub trait Layout<'w> {
     /// Returns a slice of `count` copies of `value`, aligned to 64 bytes (a [`Line`]). [`Measure`] always returns an
     /// empty slice. [`Arena`] returns an empty slice if too little memory is left.

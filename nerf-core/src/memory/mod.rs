@@ -1,5 +1,5 @@
-//! Memory that the caller supplies: a stage requests its buffers from a [`Layout`]; [`Measure`] counts the 64-byte
-//! lines that the buffers need, and [`Arena`] allocates the buffers.
+//! Memory that the caller supplies. A rendering stage requests its buffers from a [`Layout`]: [`Measure`] counts the
+//! 64-byte lines that the buffers need, and [`Arena`] allocates the buffers.
 
 #[allow(unsafe_code, reason = "values are placed in the caller's bytes")]
 mod arena;

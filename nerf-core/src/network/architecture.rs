@@ -42,13 +42,13 @@ pub enum DensityActivation {
 /// therefore e^20 per world unit, which is opaque within 1e-7 world units.
 pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
-/// How often a field's colour branch is evaluated.
+/// How often the colour branch of a network is evaluated: once per sample or once per ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
     /// Once for each sample that [`Quality::colour_cut`](crate::plan::Quality::colour_cut) selects. The colour branch
     /// takes the sample's trunk output `h`, and the colours are composited.
     PerSample,
-    /// Once a ray (deferred shading): the trunk's outputs `h` are composited, and the colour branch takes their
+    /// Once per ray (deferred shading): the trunk's outputs `h` are composited, and the colour branch takes their
     /// weighted mean.
     ///
     /// ```text
@@ -73,12 +73,12 @@ pub struct Architecture {
     /// The trunk's layers, in order. The first takes the encoded position and has no skip input. The trunk may be empty
     /// only if the position encoding is a grid and the shading is [`Shading::PerRay`].
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
-    /// Activation of the density head; `None` in a 2D field.
+    /// Activation of the density head; `None` in a 2D field, which has no density.
     pub density: Option<DensityActivation>,
     /// Widths of the colour branch's hidden dense+ReLU layers. The first layer takes `[h, PE(d)]`: the trunk's output
     /// and the encoded direction.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
-    /// Whether colour is evaluated once a sample or once a ray.
+    /// How often the colour branch is evaluated: once per sample or once per ray.
     pub shading: Shading,
 }
 
@@ -300,7 +300,7 @@ pub(crate) fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     if found > MAX_GRID_VALUES { Err(E::GridValues { found }) } else { Ok(()) }
 }
 
-/// Never called: this build has no grids.
+/// Replaces the check of a grid encoding in builds without grids. Never called, since no grid exists.
 #[cfg(not(feature = "grid"))]
 fn check_grid(grid: &GridEncoding) -> Result<(), ArchitectureError> {
     match *grid {}

@@ -35,7 +35,7 @@ pub struct GradientScratch<'w> {
 }
 
 impl Network<'_> {
-    /// Number of words of [`GradientScratch::signs`] for blocks of up to `samples` samples.
+    /// Length of [`GradientScratch::signs`], the ReLU mask, for blocks of up to `samples` samples.
     pub fn sign_words(&self, samples: usize) -> usize {
         self.trunk_layers().map(|layer| sign_words(layer, samples)).sum()
     }

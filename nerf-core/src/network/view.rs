@@ -229,8 +229,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Computes the densities of the block whose trunk output `h` is in [`Scratch::front`]. `sigma`: `[stride]`,
-    /// 1/world unit.
+    /// Computes the densities of the block whose trunk output `h` is in [`Scratch::front`]. `sigma`: `[stride]`, set to
+    /// the densities, 1/world unit. Does nothing in a 2D field, which has no density.
     pub fn density(&self, math: MathBackend, scratch: &Scratch<'_>, sigma: &mut [f32]) {
         let layer = self.layers.iter().find(|layer| layer.role == Role::Density);
         if let (Some(layer), Some(activation)) = (layer, self.architecture.density) {
@@ -267,9 +267,9 @@ impl<'a> Network<'a> {
 
     /// Computes the colours of the block whose trunk output `h` is in [`Scratch::front`], and overwrites `h`.
     ///
-    /// `direction`: a function that fills its second argument, `[direction_rows][stride]`, with the result of
-    /// [`Network::direction`] for each sample's ray; its first argument is [`Scratch::encoded`], which it may overwrite.
-    /// Called only if colour depends on direction. `rgb`: `[3][stride]`.
+    /// `direction(encoded, out)`: a function that fills `out`, `[direction_rows][stride]`, with the result of
+    /// [`Network::direction`] for each sample's ray. `encoded` is [`Scratch::encoded`], which the function may
+    /// overwrite. Called only if colour depends on direction. `rgb`: `[3][stride]`, set to the colours.
     pub fn colour(
         &self,
         math: MathBackend,
@@ -353,7 +353,7 @@ impl<'a> Network<'a> {
         true
     }
 
-    /// Encodes a block of positions; `out`: `[outputs][stride]`.
+    /// Encodes a block of positions, `[inputs][stride]`, and writes f32 values to `out`, `[outputs][stride]`.
     pub(super) fn encode_position(
         &self,
         math: MathBackend,
@@ -369,8 +369,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Encodes a block of directions; `out`: `[outputs][stride]`, f32, or pairs of bf16 if weights are
-    /// [`Weights::Paired`] ([`Network::take_rows`]).
+    /// Encodes a block of directions `dirs`, `[3][stride]`. Writes f32 to `out`, `[outputs][stride]`, or pairs of bf16
+    /// if weights are [`Weights::Paired`] ([`Network::take_rows`]).
     fn encode_direction(
         &self,
         math: MathBackend,

@@ -25,21 +25,21 @@ pub use quality::{Choice, Preset, Quality};
 pub use settings::Settings;
 pub(crate) use span::{Lattice, Span, SpanAll, Spans};
 
-/// Outputs of a pixel; an output that is off is not computed.
+/// Outputs that a frame computes for each pixel; an output that is `false` is not computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Outputs {
-    /// Colour over the background; if off, the colour branch is never evaluated.
+    /// Whether to output the colour over the background. If `false`, the colour branch is never evaluated.
     pub rgb: bool,
-    /// Opacity, `[0, 1]`.
+    /// Whether to output the opacity, `[0, 1]`.
     pub opacity: bool,
-    /// Mean distance of the samples along the ray, weighted with their compositing weights, world units.
+    /// Whether to output the samples' mean distance along the ray, weighted by compositing weight, world units.
     pub ray_distance: bool,
-    /// Mean distance of the samples along the view axis, weighted with their compositing weights, world units.
+    /// Whether to output the samples' mean distance along the view axis, weighted by compositing weight, world units.
     pub z_depth: bool,
-    /// Distance along the ray at which the transmittance falls below one half, world units (feature `median`).
+    /// Whether to output the distance along the ray where transmittance falls below ½, world units (feature `median`).
     pub median_distance: bool,
-    /// Normals, from the gradient of the density (feature `normals`). Cost of each sample that [`Quality::colour_cut`]
-    /// selects: [`gradient_macs`](crate::network::Architecture::gradient_macs) multiply-adds.
+    /// Whether to output normals, from the gradient of the density (feature `normals`). Cost of each sample that
+    /// [`Quality::colour_cut`] selects: [`gradient_macs`](crate::network::Architecture::gradient_macs) multiply-adds.
     pub normals: bool,
 }
 
@@ -71,7 +71,7 @@ impl Outputs {
     }
 }
 
-/// Numbers of rays and samples processed at once, which affect memory and time, but never the image.
+/// Numbers of rays and samples that are processed at once. They affect memory and time, but never the image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Batch {
     /// Number of rays that are marched at the same time.
@@ -112,7 +112,7 @@ pub struct Plan<'a> {
     /// The bins in which a ray's samples lie. If a proposal network places the samples, only the number of these bins
     /// is used: it is the number of samples placed on each ray.
     pub(crate) bins: Bins,
-    /// Number of samples a ray, counted as in [`Quality::samples`]: the requested number or, for 0, the scene's own.
+    /// Number of samples per ray, counted as in [`Quality::samples`]: the requested number or, for 0, the scene's own.
     samples: u16,
     /// Nearest and farthest visible distance along a ray, world units.
     pub(crate) range: (f32, f32),
@@ -132,7 +132,7 @@ pub struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    /// Default width of the blur of normals, in bins. With one sample a bin, detail finer than a bin is not resolved.
+    /// Default width of the blur of normals, in bins. With one sample per bin, detail finer than a bin is not resolved.
     pub const NORMAL_BLUR: f32 = 1.0;
 
     /// Makes the plan of a frame from what `blob` holds and from the requested settings.
@@ -302,7 +302,7 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Requested number of samples a ray, counted as in [`Quality::samples`]. With a proposal network, the samples at
+    /// Requested number of samples per ray, counted as in [`Quality::samples`]. With a proposal network, the samples at
     /// which that network is evaluated are added. A ray may get more samples where the bins continue in front of near
     /// or behind far.
     pub(crate) fn samples_per_ray(&self) -> u32 {
@@ -365,7 +365,7 @@ impl<'a> Plan<'a> {
     }
 
     /// Converts a point of the world to the network's space: contracts it if the scene is unbounded, else returns it
-    /// unchanged. A point with a NaN is also returned unchanged, and lies in no box.
+    /// unchanged. A point with a NaN is also returned unchanged: no box contains such a point.
     #[inline]
     pub(crate) fn inside(&self, p: Vec3) -> Vec3 {
         match &self.contraction {
@@ -427,7 +427,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// Computes the bins of a frame and how they are placed on a ray. `samples`: number of samples a ray. `proposal`:
+/// Computes the bins of a frame and how they are placed on a ray. `samples`: number of samples per ray. `proposal`:
 /// whether a proposal network places the samples.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();

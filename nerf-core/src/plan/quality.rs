@@ -20,7 +20,7 @@ pub struct Quality {
     /// - `Contracted`: steps on a ray through the centre of the contraction's inner ball, from the point where the ray
     ///   enters the ball to the point at distance `far` behind the centre.
     pub samples: u16,
-    /// Transmittance below which a ray ends and counts as opaque; 0 ends no ray.
+    /// Transmittance below which a ray ends and counts as opaque, `[0, 1)`; with 0, no ray ends early.
     pub transmittance_cut: f32,
     /// Sum of compositing weights that must be exceeded before a colour is evaluated. The weights of consecutive
     /// samples are summed along a ray. Once the sum exceeds this cut, the current sample's colour is evaluated and
@@ -35,8 +35,8 @@ pub struct Quality {
     /// Implementation of the elementary functions, such as exp and sine.
     pub math: MathBackend,
     /// Whether the scene's proposal network places the samples. If `false`, or if the scene has no proposal network,
-    /// samples are uniform. A scene with a proposal network was trained with samples placed by that network. To render
-    /// with such samples may take more or less time than to render with uniform samples.
+    /// samples are uniform. A scene with a proposal network was trained with samples placed by that network. Rendering
+    /// with the network's samples may take more or less time than rendering with uniform samples.
     pub proposal: bool,
 }
 

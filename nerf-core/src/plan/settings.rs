@@ -8,11 +8,11 @@ use crate::blob::Blob;
 /// Defaults: no visible approximation, no limit of the distance, the scene's own background, no effects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Approximations that save time.
+    /// Approximations that save time, such as fewer samples, early ray termination and skipping of empty cells.
     pub quality: Quality,
     /// Jitter, anti-aliasing, depth of field, tone mapping.
     pub effects: Effects,
-    /// Background, display-encoded; `None` for the scene's own.
+    /// Background colour (red, green, blue), display-encoded, 0 to 1; `None` for the scene's own.
     pub background: Option<[f32; 3]>,
     /// Nearest and farthest visible distance along a ray, world units ([`Plan::with_range`]).
     pub range: (f32, f32),

@@ -179,7 +179,8 @@ impl Spans {
     }
 }
 
-/// Computes [`Span::new`] for up to [`MAX_LANES`] rays, bit-identically. For bounded scenes without a proposal network.
+/// Operation that computes [`Span::new`] for up to [`MAX_LANES`] rays at once, with bit-identical results. For bounded
+/// scenes without a proposal network.
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,

@@ -10,17 +10,17 @@ pub struct Counters {
     /// Number of samples at which the scene's network was evaluated.
     pub samples_kept: u64,
     /// Number of planned samples at which the scene's network was not evaluated: samples outside the box, in empty
-    /// cells, or behind the point where the ray ended. For each ray, [`Quality::samples`](crate::plan::Quality) samples
-    /// are planned, and with a proposal network also one per bin of that network. The count is, for each ray (and each
-    /// field, if there are several), planned minus kept samples, but at least 0. A ray may keep more samples than
-    /// planned, since samples continue with the same spacing in front of `near` and behind `far` to the box's ends.
+    /// cells, or behind the point where the ray ended. [`Quality::samples`](crate::plan::Quality) samples are planned
+    /// per ray, plus one per bin of the proposal network, if used. The count is the sum, over rays and fields, of
+    /// planned minus kept samples; 0 is added for a ray that keeps more samples than planned, where samples continue in
+    /// front of `near` or behind `far` to the ends of the box.
     pub samples_skipped: u64,
     /// Number of evaluations of the proposal network, not included in `samples_kept`.
     pub proposal_evaluations: u64,
     /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
-    /// Number of evaluations of the colour branch: at most one per sample, or with deferred shading, one per ray. For a
-    /// 2D field, number of evaluations of the whole network. With one field, a sample's colour is evaluated if the
+    /// Number of evaluations of the colour branch: at most one per sample; with deferred shading, at most one per ray.
+    /// For a 2D field, number of evaluations of the whole network. With one field, a sample gets a colour if the
     /// weights of the ray's samples since the last evaluation sum to more than the colour cut
     /// ([`Quality`](crate::plan::Quality)); with several fields, if the sample's own weight can exceed the cut.
     pub colour_evaluations: u64,

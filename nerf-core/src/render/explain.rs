@@ -50,7 +50,7 @@ impl Switch {
 pub struct Stage {
     /// Name of the stage in the report.
     pub name: &'static str,
-    /// Whether the stage runs, and if not, why.
+    /// State of the stage: on, or the reason why the stage is off.
     pub switch: Switch,
 }
 
@@ -79,7 +79,7 @@ impl Explanation<'_> {
         Self { workspace: bytes, ..self }
     }
 
-    /// The stages of the report, in the order in which a frame runs them.
+    /// Returns the stages of the report, in the order in which a frame runs them.
     pub fn stages(&self) -> [Stage; 17] {
         let plan = self.plan;
         let cut = |value: f32| if value > 0.0 { Switch::On } else { Switch::SwitchedOff };

@@ -117,7 +117,7 @@ impl<'f, 'w> Frame<'f, 'w> {
     }
 
     /// Computes density and colour at `points`: pairs of position and direction, at most as many as one block holds.
-    /// `sigma` and `rgb` must hold zeros, since nothing is written for a point in an empty cell.
+    /// `sigma` and `rgb` must hold zeros, since points in empty cells are skipped. `rgb` is empty for no colour.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)>,

@@ -43,7 +43,7 @@ impl<'w> Buffers<'w> {
     }
 }
 
-/// Renders the part `rect` of an image of `size` pixels (width, height); `workspace` must have room for [`Buffers`].
+/// Renders part `rect` of an image of `size` (width, height) pixels; passes x, y and colour of each pixel to `target`.
 pub(super) fn render(
     network: &Network<'_>,
     math: MathBackend,

@@ -140,7 +140,7 @@ impl<'a> Renderer<'a> {
         Ok(Worker { fields, pixels: Pixels::lay_out(&mut arena, plan) })
     }
 
-    /// Renders the pixels of `rect` by [`Worker::render`], with a worker made for this call alone.
+    /// Renders the pixels of `rect`, as [`Worker::render`] does, with a worker made for this call alone.
     ///
     /// # Errors
     /// As [`Renderer::worker`] and [`Worker::render`].
@@ -155,7 +155,8 @@ impl<'a> Renderer<'a> {
         self.worker(plan, workspace)?.render(camera, rect, target)
     }
 
-    /// Evaluates points by [`Worker::query`], with a worker made for this call alone.
+    /// Computes density and colour at points, as [`Worker::query`] does, with a worker made for this call alone.
+    /// `positions` (world space), `dirs` (unit vectors) and `sigma` (1/world unit): `[n]`. `rgb`: `[n]` or empty.
     ///
     /// # Errors
     /// As [`Renderer::worker`] and [`Worker::query`].
@@ -242,13 +243,13 @@ impl<'a> Renderer<'a> {
     }
 }
 
-/// Copies of those values of a scene that a kernel cannot read directly from the blob's bytes.
+/// Copies of a scene's values that a kernel cannot read directly from the blob's bytes.
 ///
 /// `F` is a buffer of f32 values, `B` a buffer of bytes: slices of the caller's memory, or boxes. A buffer is empty if
-/// nothing must be copied to it. [`Prepared::measure`] returns the buffers' lengths (`usize`) as `F` and `B`.
+/// its values need no copy. [`Prepared::measure`] returns the buffers' lengths (`usize`) as `F` and `B`.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
-    /// In order: parameters of network and proposal network (each f32 or [`Weights::Paired`]), f32 copy of f16 tables.
+    /// Parameters of network, parameters of proposal network (f32 or [`Weights::Paired`]), f32 copy of f16 tables.
     pub unpacked: [F; 3],
     /// Decoded copy of entropy-coded grid tables: each byte holds the bits of one i8 value.
     pub decoded: B,

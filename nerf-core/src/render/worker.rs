@@ -31,7 +31,7 @@ pub struct Worker<'f> {
     pub(super) pixels: Pixels<'f, 'f>,
 }
 
-/// What a [`Worker`] renders: one field, or several fields in one world.
+/// Content of a [`Worker`]'s frames: one field, or several fields in one world.
 #[cfg_attr(
     feature = "instances",
     allow(clippy::large_enum_variant, reason = "a worker is one or the other, and there is no heap")
@@ -75,7 +75,7 @@ impl<'f> Worker<'f> {
     ///
     /// Cameras, rays, points and distances are in the world in which the instances are placed. Where fields overlap,
     /// densities add, and colours are averaged with the densities as weights. Two instances of a field in one place
-    /// thus equal the field with twice the density. A field is not evaluated where another field hides it.
+    /// thus equal the field with twice the density. A field is not evaluated behind an opaque part of another field.
     ///
     /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) each weight along a ray is divided
     /// among the fields in proportion to their densities; each field gets a share of the weight. A field's colour
@@ -118,7 +118,7 @@ impl<'f> Worker<'f> {
         core::mem::take(&mut self.pixels.counters)
     }
 
-    /// Renders the pixels of `rect`.
+    /// Renders the pixels of `rect`, and passes each pixel to `target`. Returns counters of the work.
     ///
     /// With the same kernel and maths backend, pixels are bit-identical: `rect`, the plan's batch, earlier calls and
     /// other threads do not affect them.

@@ -16,7 +16,7 @@ pub struct Bins {
     pub(crate) ends: Ends,
 }
 
-/// Where a ray's first and last bin are cut; positions along the ray, in the unit of [`Bins`].
+/// Cuts of a ray's first and last bin: positions along the ray, in the unit of [`Bins`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ends {
     /// Beginning of the used part of the first bin, if this bin is cut; otherwise −∞.
@@ -25,7 +25,7 @@ pub(crate) struct Ends {
     pub low: f32,
     /// Beginning of the last bin, if this bin is cut; otherwise +∞.
     pub high: f32,
-    /// If the last bin is cut: end of the part in which the bin's samples are placed. Otherwise: end of all bins.
+    /// End of the part of the last bin in which its sample is placed, if this bin is cut; otherwise end of all bins.
     pub far: f32,
     /// End of the used part of the last bin, at most `far`, if this bin is cut; otherwise +∞. The density of a
     /// sample between `stop` and `far` is used for the part of the bin in front of `stop`.
@@ -64,13 +64,13 @@ impl Bins {
         if valid { Ok(Self { near, delta, count, ends }) } else { Err(BoundsError::Range { near, far }) }
     }
 
-    /// `count` bins of width `delta` from `near` on.
+    /// Makes `count` bins of width `delta`, the first of which begins at `near`. The arguments are not checked.
     pub(crate) fn of_width(near: f32, delta: f32, count: u32) -> Self {
         let far = near + count as f32 * delta;
         Self { near, delta, count, ends: Ends { far, ..Ends::NONE } }
     }
 
-    /// These bins with the cuts `ends` of a ray, as computed by [`Bins::cut`].
+    /// Returns a copy of these bins with the cuts `ends` of a ray, as computed by [`Bins::cut`].
     #[inline]
     pub(crate) fn with(&self, ends: Ends) -> Self {
         Self { ends, ..*self }
@@ -143,8 +143,8 @@ impl Bins {
         V::select(index.less(zero), shift, fits)
     }
 
-    /// The range of bins that may have a point in `enter..=exit`, for a vector of rays ([`Bins::overlapping`]). Returns
-    /// the first bin and the end of the range, both integers.
+    /// Finds the bins that may have a point in `enter..=exit`, for a vector of rays ([`Bins::overlapping`]). Returns
+    /// the first bin and the end of the index range, both integers.
     #[inline(always)]
     pub(crate) fn overlapping_lanes<V: Lanes>(&self, enter: V, exit: V) -> [V; 2] {
         let (count, rounding) = (V::splat(self.count as f32), V::splat(self.rounding()));
@@ -220,7 +220,7 @@ impl Bins {
         V::select(t.less(far), t, far)
     }
 
-    /// Whether none of the bins `0..=last` is cut at its end. Their middles are then the same as without cuts.
+    /// Whether none of the bins `0..=last` is cut at its end. If so, no cut changes the middles of these bins.
     #[inline(always)]
     pub(crate) fn whole_up_to(&self, last: u32) -> bool {
         let (last, Ends { high, far, .. }) = (last as f32, self.ends);
@@ -239,7 +239,7 @@ impl Bins {
         self.points(i, half, [V::splat(start), V::splat(low), V::splat(high), V::splat(far), V::splat(stop)])
     }
 
-    /// The point of bin `i` at fraction `u` in `[0, 1)`; unlike [`Bins::at`], never rounded up to the next bin's start.
+    /// Distance of the point at fraction `u`, in `[0, 1)`, of bin `i`; never rounded up to the next bin's start.
     #[inline]
     pub fn within(&self, i: u32, u: f32) -> f32 {
         let (start, end) = (self.at(i, 0.0), self.at(i, 1.0));
@@ -247,14 +247,14 @@ impl Bins {
         self.at(i, u).min(end.next_down()).max(start)
     }
 
-    /// The middle of the bin that contains `t`. If `t` is outside all bins, the middle of the first or last bin.
+    /// Middle of the bin that contains distance `t`. If `t` is outside all bins, the middle of the first or last bin.
     #[inline]
     pub fn middle_around(&self, t: f32) -> f32 {
         self.at((self.bin_around(t) as u32).min(self.count - 1), 0.5)
     }
 
-    /// The bins that may have a point in `enter..=exit`. The range is a superset: it is larger by a few bins at each
-    /// end, or by many if bins are narrower than the spacing of f32 at the end of the last bin.
+    /// Index range of the bins that may have a point in `enter..=exit`. The range is larger by a few bins at each end,
+    /// or by many if bins are narrower than the spacing of f32 at the end of the last bin.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let rounding = self.rounding();
         // `as` saturates, and converts NaN to 0.

@@ -13,9 +13,9 @@ const WEIGHT_FLOOR: f32 = 1e-5;
 
 /// Draws samples of a ray from the weights of `bins`, and merges the drawn samples with the middles of the bins.
 ///
-/// `row`: room for `drawn` samples, then one weight per bin, in `[0, 1]`: NaN and negative weights count as 0, weights
-/// above 1 as 1. On return the whole row holds distances along the ray, world units, ascending: the middle of every
-/// bin, and the `drawn` samples. A row with fewer values than bins is left unchanged.
+/// `row`: room for `drawn = row.len() - bins.count()` samples, then one weight per bin, in `[0, 1]`: NaN and negative
+/// weights count as 0, weights above 1 as 1. On return the whole row holds distances along the ray, world units,
+/// ascending: the middle of every bin, and the `drawn` samples. A row with fewer values than bins is left unchanged.
 ///
 /// The probability density of the drawn samples is constant in a bin and proportional to the bin's weight plus 1e-5.
 /// Sample `k` is the inverse distribution function at `(k + within(k)) / drawn`. `within` must return numbers in

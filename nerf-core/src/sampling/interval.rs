@@ -67,8 +67,8 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// The sample at `t` and the two ends of its interval, as distances in world units along the ray. `ends`, `near`
-    /// and `t`: as in [`Spacing::interval`]. Neighbouring intervals share their ends bit for bit.
+    /// Returns the sample at `t` and the two ends of its interval, as distances in world units along the ray. `ends`,
+    /// `near` and `t`: as in [`Spacing::interval`]. Neighbouring intervals share their ends bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);

@@ -20,7 +20,7 @@ impl SampleJitter {
     /// No jitter: samples in the middle of their bins.
     pub const MIDDLE: Self = Self { seed: None, stream: 0, first: 0 };
 
-    /// The jitter of ray `ray` of pixel `(x, y)`; without a seed, samples lie in the middle of their bins.
+    /// Returns the jitter of ray `ray` of pixel `(x, y)`; without a seed, samples lie in the middle of their bins.
     #[inline]
     pub fn of(seed: Option<u64>, x: u32, y: u32, ray: u32) -> Self {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }
@@ -46,7 +46,7 @@ impl SampleJitter {
     }
 }
 
-/// A random point of `bin`: a function of seed, pixel, ray and bin alone, independent of tile and thread.
+/// Returns a random position in `bin`, in the unit of `bins`. `index`: index of the random number in the stream.
 #[inline(never)]
 fn jittered(seed: u64, stream: u64, index: u64, bins: &Bins, bin: u32) -> f32 {
     bins.within(bin, uniform(seed, Purpose::Jitter, stream, index))

@@ -210,7 +210,7 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// The coarser grid whose cells are blocks of `side`³ cells of this grid. `blocks`: occupancy bits of the blocks.
+    /// Returns a coarser grid, whose cells are blocks of `side`³ cells. `blocks`: occupancy bits of the blocks.
     pub(crate) fn of_blocks<'b>(&self, side: u16, blocks: &'b [u8]) -> OccupancyGrid<'b> {
         OccupancyGrid {
             bounds: self.bounds,
@@ -220,7 +220,7 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// Whether the cell with this index, `(x * ny + y) * nz + z`, is occupied.
+    /// Whether the cell with index `(x * ny + y) * nz + z` is occupied; `false` beyond the end of the bits.
     #[inline]
     pub fn bit(&self, index: usize) -> bool {
         self.bits.get(index / 8).is_some_and(|byte| byte >> (index % 8) & 1 == 1)

@@ -37,7 +37,7 @@ pub fn uniform_u32(seed: u64, purpose: Purpose, stream: u64, index: u64) -> u32 
     (mix(mixed.wrapping_add(index.wrapping_mul(0x9e37_79b9_7f4a_7c15))) >> 32) as u32
 }
 
-/// [`uniform_u32`] scaled to `[0, 1)`, with 24 random bits.
+/// Returns a random number in `[0, 1)`: the upper 24 bits of [`uniform_u32`], scaled.
 #[inline]
 pub fn uniform(seed: u64, purpose: Purpose, stream: u64, index: u64) -> f32 {
     (uniform_u32(seed, purpose, stream, index) >> 8) as f32 / 16_777_216.0

@@ -37,7 +37,7 @@ pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
 };
 
 impl Isa {
-    /// The fastest instruction set of this machine.
+    /// Returns the fastest instruction set that this build and this machine support.
     pub fn detect() -> Self {
         Self::ALL.into_iter().rev().find(|isa| isa.available()).unwrap_or(Self::Portable)
     }
@@ -107,7 +107,7 @@ impl Isa {
         }
     }
 
-    /// Runs `op` with this instruction set, or with the portable one if the machine does not support it.
+    /// Runs `op` with this instruction set, or with the portable set if build or machine does not support this one.
     #[inline]
     pub fn run<O: Op>(self, op: O) -> O::Output {
         match self {

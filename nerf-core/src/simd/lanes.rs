@@ -106,7 +106,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Converts each lane to `u32`, to be used as an index. Each lane must be an integer in `0..=2^23`.
     fn to_indices(self) -> Self::Indices;
 
-    /// Bits of the f16 nearest to each lane, ties to even; values too large for a finite f16 become infinite.
+    /// Bits of the f16 nearest to each lane, ties to even; infinite if too large. Elements from `COUNT` on are 0.
     #[inline(always)]
     fn to_f16(self) -> [u16; MAX_LANES] {
         let mut values = [0.0; MAX_LANES];

@@ -130,7 +130,7 @@ fn four<V: Quads, T: Value, const ROWS: usize>(
     [v0, v1, v2, v3]
 }
 
-/// The four weighted sums of [`four`] for lane `LANE` of each group.
+/// Returns the four weighted sums of [`four`] for lane `LANE` of each group, in the four lanes of the group.
 #[inline(always)]
 fn sum_of_lane<V: Quads, T: Value, const ROWS: usize, const LANE: usize>(
     table: Table<'_, T>,
@@ -147,7 +147,7 @@ fn sum_of_lane<V: Quads, T: Value, const ROWS: usize, const LANE: usize>(
     if V::SUMS_IN_MEMORY { core::hint::black_box(sum) } else { sum }
 }
 
-/// The address of value `offset + plus` of a table.
+/// Returns the address of value `offset + plus` of a table, without a check that the table has this value.
 #[inline(always)]
 pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *const u8 {
     table.values.as_ptr().wrapping_add(offset as usize + plus).cast()

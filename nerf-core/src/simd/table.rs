@@ -71,7 +71,7 @@ impl<'a, T: Value> Table<'a, T> {
         Self { values, scales: scales.as_chunks().0 }
     }
 
-    /// The part of the table with the `count` values from index `first` on; fewer if the table ends before.
+    /// Returns the part of the table with the `count` values from index `first` on; fewer if the table ends before.
     #[inline(always)]
     pub fn part(self, first: usize, count: usize) -> Self {
         let rest = self.values.get(first..).unwrap_or_default();

@@ -176,8 +176,8 @@ impl Accumulator {
         weight
     }
 
-    /// State of a ray that carries one photon, which collides with the medium where the optical thickness reaches
-    /// `total`. The state's sum of optical thickness starts at `-total`, so that it is 0 at the collision.
+    /// Returns the state of a ray that carries one photon, which collides with the medium where the optical thickness
+    /// reaches `total`. The state's sum of optical thickness starts at `-total`, so that it is 0 at the collision.
     pub(crate) fn until(total: f32) -> Self {
         let mut ray = Self::NONE;
         ray.tau.add(-total);
@@ -230,8 +230,8 @@ impl Accumulator {
     /// the ray's mean colour replaces the background. `far`: distance of a pixel without a surface; other distances
     /// along the ray are clamped to `far`. `z_per_distance`: cosine between ray and view axis.
     ///
-    /// The last samples may have no evaluated colour. If they weigh less than the coloured samples, they get the ray's
-    /// mean colour; else they stay black. Median distance and normal stay 0.
+    /// The last samples may have no evaluated colour. If such samples weigh less than the coloured samples, they get
+    /// the ray's mean colour; else they stay black. Median distance and normal stay 0.
     ///
     /// # Source
     /// Müller et al. 2022, the authors' renderer: opaque pixels of terminated rays.

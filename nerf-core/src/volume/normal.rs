@@ -30,7 +30,7 @@ impl NormalSum {
         }
     }
 
-    /// Direction of the mean normal, unit length; 0 if `opacity`, the sum of the ray's weights, is at most
+    /// Returns the direction of the mean normal, unit length; 0 if `opacity`, the sum of the ray's weights, is at most
     /// [`super::OPACITY_EPSILON`], or if the normals cancel.
     pub fn finish(&self, opacity: f32) -> [f32; 3] {
         mean_direction(self.0.map(|sum| sum.value), opacity, opacity)

@@ -9,9 +9,9 @@
 World units throughout; right-handed; a camera looks down -Z, +Y is up, +X is right, as in OpenGL and Blender.
 Pixel `[0, 0]` is top left. Colour is display-encoded (sRGB), over the scene's background. Arrays are float32.
 
-`Scene.render` draws a camera's image, `Scene.rays` rays of your own, `Scene.points` asks for density and colour at points.
-`Error` is what the library refuses; an argument of the wrong type or shape is a `TypeError` or a `ValueError`.
-The program `nerf-train`, which fits, renders and exports scenes, is installed beside the package.
+`Scene.render` renders a camera's image, `Scene.rays` given rays; `Scene.points` evaluates density and colour at points.
+A call that the library refuses raises `Error`; a wrong type or shape of an argument raises `TypeError` or `ValueError`.
+The program `nerf-train`, which fits, renders and exports scenes, is installed with the package.
 """
 
 from ._abi import Error, library

@@ -1,4 +1,4 @@
-"""The part of the C ABI (`nerf_render.h`) that the package uses, by ctypes, which releases the GIL in every call."""
+"""Declares with ctypes the part of the C ABI (`nerf_render.h`) that the package uses. Every call releases the GIL."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _U32, _U64, _F32 = ctypes.c_uint32, ctypes.c_uint64, ctypes.c_float
 
 
 class Error(Exception):
-    """A call that the library refused, in the library's words. `status` is its `nerf_status` (`nerf_render.h`)."""
+    """A call that the library refused, with the library's message. `status`: a `nerf_status` of `nerf_render.h`."""
 
     def __init__(self, status: int, message: str) -> None:
         super().__init__(status, message)
@@ -25,14 +25,14 @@ class Error(Exception):
 
 
 class Versioned(ctypes.Structure):
-    """A structure that begins with its own size."""
+    """Base of C structures whose first field, `struct_size`, is the size of the structure, bytes."""
 
     def __init__(self, **values: Any) -> None:
         super().__init__(struct_size=ctypes.sizeof(self), **values)
 
 
 def _structure(name: str, *groups: tuple[Any, str]) -> Any:
-    """One of the header's, by the types and names of its fields."""
+    """Declares a structure of the C header. `groups`: a type, and the names of successive fields of this type."""
     fields = [(field, kind) for kind, names in groups for field in names.split()]
     base = Versioned if fields[0][0] == "struct_size" else ctypes.Structure
     return type(name, (base,), {"_fields_": fields})
@@ -101,7 +101,7 @@ library = _load()
 
 
 def call(name: str, *arguments: Any) -> None:
-    """Calls a function that ends with a message. Raises `Error` unless it succeeds."""
+    """Calls the C function `name` with `arguments` and a buffer for a message. Raises `Error` if the call fails."""
     message = ctypes.create_string_buffer(_MESSAGE_BYTES)
     status = getattr(library, name)(*arguments, message, _MESSAGE_BYTES)
     if status:
@@ -110,7 +110,7 @@ def call(name: str, *arguments: Any) -> None:
 
 
 class SceneHandle:
-    """A scene of the library. It ends with the last reference to it, and a call in another thread holds one."""
+    """Scene opened by the library; closed with the last reference. A call in another thread holds a reference."""
 
     def __init__(self, path: bytes) -> None:
         self.pointer = c_void_p()

@@ -1,4 +1,4 @@
-"""Arguments checked, and arrays as the C ABI reads and writes them."""
+"""Checks of arguments, and conversion of numpy arrays to structures of the C ABI."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SCALAR: dict[Any, int] = {(_F32, ()): 5}
 
 
 def numbers(name: str, value: ArrayLike, *shapes: Shape) -> NDArray[np.float32]:
-    """`value`, of one of the shapes if any are named, as float32: itself where it is, else a copy."""
+    """Returns `value` as float32, copied only if of another type. `shapes`: allowed shapes; empty for any shape."""
     array = np.asarray(value)
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{name}: expected real numbers, found {array.dtype}")
@@ -42,7 +42,7 @@ def vectors(name: str, value: ArrayLike) -> NDArray[np.float32]:
 
 
 def vector(name: str, value: ArrayLike) -> Any:
-    """Three numbers as an argument in C."""
+    """Returns three numbers as a C array of floats."""
     return (ctypes.c_float * 3)(*numbers(name, value, (3,)))
 
 
@@ -54,7 +54,7 @@ def within(name: str, value: int, least: int, most: int) -> int:
 
 
 class Column(NamedTuple):
-    """Numbers that are read: those of ray or point i begin at `i * stride` bytes."""
+    """Input array: the numbers of ray or point `i` begin `i * stride` bytes after `address`."""
 
     array: NDArray[np.float32]
     address: int
@@ -62,7 +62,7 @@ class Column(NamedTuple):
 
     @classmethod
     def of(cls, name: str, value: ArrayLike, shape: Shape, width: int) -> Column:
-        """`width` numbers for each of `shape`, or for all; a copy only where they do not lie in order."""
+        """Makes a column of `width` numbers per ray from an array of `shape`, or from one element for all rays."""
         array = numbers(name, value, shape, (3,) if width == 3 else ())
         flat = (array if array.shape == shape else np.broadcast_to(array, shape)).reshape(-1, width)
         step, inner = flat.strides
@@ -76,7 +76,7 @@ class Column(NamedTuple):
 
 
 class Surface(NamedTuple):
-    """Where an output is written: rows of pixels, strides in bytes."""
+    """Output array: address of the first pixel, strides in bytes, and the `nerf_format` of a pixel."""
 
     name: str
     array: NDArray[Any]
@@ -87,7 +87,7 @@ class Surface(NamedTuple):
 
     @classmethod
     def of(cls, name: str, array: object, shape: Shape, row: bool) -> Surface:
-        """That of `array`, `shape` or `[*shape, channels]`; `row`: all of it is one row of pixels."""
+        """Makes the surface of `array`: `shape` or `[*shape, channels]`. `row`: all pixels form one row."""
         if not isinstance(array, np.ndarray):
             raise TypeError(f"out[{name!r}]: expected a numpy array, found {type(array).__name__}")
         formats, channels = _FORMATS.get(name, _SCALAR), array.shape[len(shape) :]
@@ -120,7 +120,7 @@ def surfaces(
     outputs: Iterable[str] | None, out: Mapping[str, Any] | None, default: Sequence[str],
     there: Sequence[str], shape: Shape, row: bool, read: dict[str, Column],
 ) -> list[Surface]:  # fmt: skip
-    """Those that were asked for, in the caller's arrays or new ones, apart from each other and from what is read."""
+    """Makes a surface per output, of an array in `out` or a new one. Arrays must not overlap each other or `read`."""
     if not isinstance(out, (Mapping, type(None))):
         raise TypeError(f"out: expected arrays by name, found {type(out).__name__}")
     named = [outputs] if isinstance(outputs, str) else outputs or ()

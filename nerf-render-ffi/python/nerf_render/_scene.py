@@ -1,4 +1,4 @@
-"""Scenes: opened, rendered, asked."""
+"""Scenes: opening, rendering, and evaluation at points."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ _Draw = Callable[[ctypes.c_void_p, _Part], None]
 
 
 class Result(dict[str, NDArray[Any]]):
-    """Arrays by name, those that were asked for: `result["rgb"]` is `result.rgb`.
+    """Requested arrays by name: `result["rgb"]` is the same array as `result.rgb`.
 
-    Of `render` they are `[height, width]`, of `rays` and `points` they have the shape of these without its last axis; `rgb`
-    and `normals` have three channels behind that. float32, unless `out` says otherwise.
+    Shape: `[height, width]` from `render`; from `rays` and `points` that of the rays or points without the last axis. `rgb`
+    and `normals` have a further axis of 3 channels. Type: float32. Arrays passed as `out` may differ, see `Scene.render`.
 
     - `rgb`: colour, display-encoded, over the scene's background.
     - `opacity`: in `[0, 1]`.
-    - `ray_distance`: mean distance along the ray, world units; beyond the scene, or `t_max`, where opacity is 1e-4 or less.
-    - `z_depth`: the same along the view axis.
-    - `median_distance`: distance along the ray at which half of the light is gone, world units.
-    - `normals`: where the surface faces, world space, unit length; 0 where there is none.
+    - `ray_distance`: mean distance along the ray, world units; `t_max` or beyond the scene if opacity is 1e-4 or less.
+    - `z_depth`: mean distance along the view axis, world units; equal to `ray_distance` if opacity is 1e-4 or less.
+    - `median_distance`: distance along the ray at which transmittance falls below one half, world units.
+    - `normals`: normal of the surface, world space, unit length; 0 without a surface.
     - `sigma`: density, per world unit.
     """
 
@@ -55,14 +55,14 @@ class Result(dict[str, NDArray[Any]]):
 
 
 class Scene:
-    """A radiance field from a file. Any number of threads may use it; it is a context manager.
+    """A radiance field from a file. Threads may share a scene. As a context manager, the scene closes itself.
 
-    `path`: a `.nerf` file. It is read whole, and may change afterwards. Raises `Error` where it is missing, damaged or of
-    another version.
-    `info`: what the file says, by the names of `nerf_scene_info` in `nerf_render.h`: `box_min`, `eye`, `psnr_db`, …
+    `path`: a `.nerf` file, which is read whole and may change afterwards. Raises `Error` if the file is missing, damaged or
+    of another version of the format.
+    `info`: description of the scene, by the fields of `nerf_scene_info` in `nerf_render.h`: `box_min`, `eye`, `psnr_db`, …
 
-    Every method releases the GIL while it draws. `threads`: how many at most; None is one for each core that the process
-    may use. The bits of a result do not depend on it.
+    Every method releases the GIL while it renders. `threads`: largest number of threads; None for one per core that the
+    process may use. Results are bit-identical for any number of threads.
     """
 
     def __init__(self, path: str | bytes | os.PathLike[Any]) -> None:
@@ -74,9 +74,9 @@ class Scene:
         self.info: dict[str, Any] = {name: _plain(getattr(info, name)) for name, _ in info._fields_[1:]}
 
     def close(self) -> None:
-        """Frees the scene; a second time does nothing.
+        """Closes the scene; its memory is freed once no thread renders it. A second call does nothing.
 
-        A method that draws in another thread ends with a `ValueError`, as does every later call.
+        A method that is rendering in another thread raises `ValueError`, as does every later call.
         """
         self._handle = None
 
@@ -90,16 +90,16 @@ class Scene:
         self, width: int, height: int, c2w: ArrayLike | None = None, fov: float = 40.0, *,
         outputs: _Names = None, out: _Out = None, threads: int | None = None,
     ) -> Result:  # fmt: skip
-        """Draws what a camera sees.
+        """Renders the image of a perspective camera.
 
         `width`, `height`: pixels, 1 to 2^23.
-        `c2w`: `[3, 4]` or `[4, 4]`, camera to world: a rotation (columns right, up, backward) and the camera's place. None
-        is the start view: from where the photographs were taken, or as `nerf-train render` where the file does not say.
-        `fov`: degrees across the width, above 0 and below 180.
-        `outputs`: names of `Result`; None is those of `out`, or rgb, opacity, ray_distance and z_depth without it.
-        `out`: arrays that results are written to, by name, with any gap between pixels and rows; float32, `rgb` also
-        uint8. `rgb` of four channels is premultiplied, without background, and its alpha is the opacity. After an
-        exception they may be written in part.
+        `c2w`: camera-to-world matrix, `[3, 4]` or `[4, 4]`: a rotation (columns right, up, backward) and the position. None
+        for the scene file's viewpoint, where a photograph was taken; without one, the start of `nerf-train render`'s orbit.
+        `fov`: horizontal field of view, degrees, above 0 and below 180.
+        `outputs`: names in `Result`, besides those in `out`. Without any name: rgb, opacity, ray_distance and z_depth.
+        `out`: arrays that receive results, by name; gaps between pixels and rows are allowed. float32; `rgb` also uint8. An
+        `rgb` array of 4 channels gets premultiplied colour without background, and opacity. An exception may leave arrays
+        partly written.
         """
         width, height = within("width", width, 1, 1 << 23), within("height", height, 1, 1 << 23)
         if not 0.0 < fov < 180.0:
@@ -125,18 +125,18 @@ class Scene:
         t_max: ArrayLike | None = None, *,
         axis: ArrayLike | None = None, outputs: _Names = None, out: _Out = None, threads: int | None = None,
     ) -> Result:  # fmt: skip
-        """Draws what rays see. Those of a camera give its pixels, bit for bit.
+        """Renders given rays. The rays of a camera's pixels give the camera's image, bit for bit.
 
-        `origins`, `dirs`: `[..., 3]`, world space; `dirs` of unit length (its square is 1 within 1e-3). One of the two may
-        be `[3]`, for all rays.
-        `t_min`, `t_max`: `[...]`, or a number for all, world units along the ray. What is nearer or farther is not seen;
-        None is 0, and no end.
-        `axis`: `[3]`, unit length: the view axis that `z_depth` is measured along.
-        `outputs`: names of `Result`; None is those of `out`, or without it rgb, opacity, ray_distance, and z_depth if there
-        is an axis.
-        `out`: as of `render`.
+        `origins`, `dirs`: `[..., 3]`, world space; `dirs` of unit length (squared length within 1e-3 of 1). One of the two
+        may be `[3]`, for all rays.
+        `t_min`, `t_max`: distances along the ray between which the scene is visible, world units: `[...]`, or one number
+        for all rays. None for 0 and infinity.
+        `axis`: `[3]`, unit length: the view axis along which `z_depth` is measured.
+        `outputs`: names in `Result`, besides those in `out`. Without any name: rgb, opacity, ray_distance, and, if `axis`
+        is given, z_depth.
+        `out`: arrays that receive results, as in `render`.
 
-        float32 is read where it lies, fields of records too; other arrays are copied.
+        float32 arrays, also fields of structured arrays, are read without a copy; other types are copied.
         """
         shape = max(vectors("origins", origins).shape, vectors("dirs", dirs).shape, key=len)
         read = {"origins": Column.of("origins", origins, shape, 3), "dirs": Column.of("dirs", dirs, shape, 3)}
@@ -158,11 +158,11 @@ class Scene:
         self, xyz: ArrayLike, dirs: ArrayLike | None = None, *,
         out: _Out = None, threads: int | None = None,
     ) -> Result:  # fmt: skip
-        """Asks for the density `sigma` at points, and for `rgb` where `dirs` say along which rays they are seen.
+        """Evaluates the density `sigma` at points and, if `dirs` is given, the colour `rgb`.
 
-        `xyz`: `[..., 3]`, world space. Outside of the scene box density is 0 and colour black.
-        `dirs`: `[..., 3]`, or `[3]` for all, unit length, from the eye to the point.
-        `out`: float32 arrays for one or both results, as of `render`.
+        `xyz`: `[..., 3]`, world space. In empty cells, and outside a bounded scene's box, density is 0 and colour black.
+        `dirs`: unit directions from the eye to each point, `[..., 3]`, or `[3]` for all points.
+        `out`: float32 arrays that receive `sigma`, `rgb` or both, as in `render`.
         """
         shape, names = vectors("xyz", xyz).shape, ("sigma", "rgb")[: 1 if dirs is None else 2]
         read = {"positions": Column.of("xyz", xyz, shape, 3)}
@@ -196,9 +196,9 @@ class Scene:
         return self._draw([(0, count)], to, draw, 1)
 
     def _draw(self, parts: list[_Part], to: list[Surface], draw: _Draw, threads: int | None) -> Result:
-        """Draws the parts on this thread and others, each with a worker of its own.
+        """Renders tiles or batches on this thread and helper threads, each with a worker of its own.
 
-        Those others end with the call: a process that was forked misses none.
+        Helper threads end with the call: a forked process, which has none of them, loses nothing.
         """
         handle = self._handle
         if handle is None:
@@ -234,9 +234,9 @@ class Scene:
 
 
 def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> NDArray[np.float32]:
-    """The `c2w`, `[3, 4]`, of a camera that stands at `eye` and looks at `target`, with `up` upwards in its image.
+    """Returns `c2w`, `[3, 4]`, of a camera at `eye` that looks at `target`; `up` points upwards in the image.
 
-    All three `[3]`, world units; `up` of any length. Raises `Error` where `eye` is `target` or `up` is along the view.
+    All arguments: `[3]`, world units. Raises `Error` if `eye` equals `target`, or `up` is 0 or parallel to the view axis.
     """
     camera = _abi.Camera()
     places = vector("eye", eye), vector("target", target), vector("up", up)
@@ -245,7 +245,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
 
 
 def _start(info: Mapping[str, Any]) -> NDArray[np.float32]:
-    """The start view of `nerf-train render`."""
+    """Returns `c2w` of the scene file's viewpoint or, without one, of the start of `nerf-train render`'s orbit."""
     if any(info["up"]):
         return look_at(info["eye"], info["target"], info["up"])
     centre = 0.5 * (np.array(info["box_min"]) + info["box_max"])
@@ -261,7 +261,7 @@ def _pose(value: ArrayLike) -> NDArray[np.float32]:
 
 
 def _open_worker(handle: _abi.SceneHandle, outputs: int) -> tuple[ctypes.c_void_p, NDArray[np.uint8]]:
-    """A worker, and the memory that it lies in."""
+    """Opens a worker. Returns the worker and its memory, which must outlive the worker."""
     request = _abi.Request(scene=handle.pointer, outputs=outputs)
     size, align, worker = ctypes.c_size_t(), ctypes.c_size_t(), ctypes.c_void_p()
     _abi.call("nerf_worker_size", byref(request), byref(size), byref(align))
@@ -276,7 +276,7 @@ def _cores() -> int:
 
 
 def _plain(value: Any) -> Any:
-    """A structure's field as Python's own."""
+    """Converts a field of a C structure to a str, a tuple or a number."""
     if isinstance(value, _abi.Text):
         return ctypes.string_at(value.data, value.length).decode(errors="replace") if value.data else ""
     return tuple(value) if isinstance(value, ctypes.Array) else value

@@ -24,7 +24,7 @@ pub const CALLED_FOR: f64 = 0.12;
 /// Exposure is also fitted if one photograph's absolute log gain is at least this: a factor of two.
 const FAR_OFF: f32 = std::f32::consts::LN_2;
 
-/// Log gain of each photograph, red, green, blue.
+/// Natural logarithm of each photograph's gain (a factor on display-encoded colour) in red, green and blue.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LogGains(pub Vec<[f32; 3]>);
 
@@ -33,14 +33,14 @@ impl LogGains {
         Self(vec![[0.0; 3]; views])
     }
 
-    /// Standard deviation, over the photographs, of the log gain averaged over the colour channels.
+    /// Returns the standard deviation, over the photographs, of the log gain averaged over the colour channels.
     pub fn spread(&self) -> f64 {
         let count = self.0.len().max(1) as f64;
         let mean = self.0.iter().map(brightness).sum::<f64>() / count;
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Index and mean log gain of the photograph with the strongest gain; `None` if this gain is below a factor of two.
+    /// Returns index and mean log gain of the photograph with the strongest gain; `None` if below a factor of two.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
@@ -88,7 +88,7 @@ fn brightness(gain: &[f32; 3]) -> f64 {
     gain.iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0
 }
 
-/// Natural logarithm of the mean colour (0 to 255) around pixel `at`; `None` if too dark, clipped or transparent.
+/// Returns the logarithm of the mean colour (0 to 255) around pixel `at`; `None` if too dark, clipped or transparent.
 fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     let [x, y] = at.map(|v| v.floor() as i64);

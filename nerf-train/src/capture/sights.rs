@@ -32,14 +32,14 @@ pub struct Sight {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sights {
     pub of_views: Vec<Vec<Sight>>,
-    /// Number of key points of each view that are not used: the 3D point is behind the camera or projects elsewhere.
+    /// For each view, number of key points left out because their 3D point does not project near the key point.
     pub contradictory: Vec<usize>,
     /// Number of key points of all views that are not used because their 3D point has a short track or a large error.
     doubtful: usize,
 }
 
 impl Sights {
-    /// Lines of sight from `views` to `points`.
+    /// Returns the lines of sight from `views` to `points`.
     pub fn of<V: Borrow<View> + Sync>(views: &[V], points: &[SparsePoint]) -> Self {
         let mut sights = Self::default();
         let of_view = |view: &V| {
@@ -102,7 +102,7 @@ impl fmt::Display for Sights {
     }
 }
 
-/// Lines of sight of the training views; `None` if the data have no point tracks.
+/// Returns the lines of sight of the training views; `None` if there are none, as in data without point tracks.
 pub fn of_training(dataset: &Dataset) -> Option<Sights> {
     let sights = Sights::of(&dataset.train, &dataset.points);
     (sights.count() > 0).then_some(sights)

@@ -44,8 +44,8 @@ pub struct Check {
     /// unpredicted.txt.
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Also fit the scene 8 times, each time without another eighth of the photographs; list those that are predicted
-    /// worst when left out (unpredicted.txt). STEPS: training steps of a fit, 4000 if not given.
+    /// Cross-validate: fit the scene 8 times, each time without another eighth of the photographs, and list the
+    /// photographs predicted worst when left out (unpredicted.txt). STEPS: training steps of a fit, 4000 if not given.
     #[arg(
         long,
         value_name = "STEPS",

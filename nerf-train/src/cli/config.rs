@@ -5,7 +5,7 @@ use clap::Args;
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-/// Print a preset as a annotated TOML file for --config.
+/// Print a preset as an annotated TOML file for --config.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: nerf-train config --preset small > run.toml")]
 pub struct PrintConfig {

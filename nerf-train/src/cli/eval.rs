@@ -85,7 +85,7 @@ pub struct Eval {
     /// Evaluate every N-th view only.
     #[arg(long, value_name = "N", default_value_t = 1)]
     every: usize,
-    /// Also report PSNR on every N-th pixel of every N-th row, to compare with figures of such a subset.
+    /// Also report PSNR on every N-th pixel of every N-th row, to compare with results on this subset of pixels.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..))]
     lattice: Option<u32>,
     /// Background: a name (black, white, red), #RRGGBB or R,G,B (0 to 255) [default: the scene file's].

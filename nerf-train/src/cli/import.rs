@@ -60,8 +60,7 @@ pub struct Import {
     /// Occupancy grid with which the network was trained: .npy, booleans [x, y, z] over the scene box.
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
-    /// The grid of --occupancy only saves time, and renderers may ignore it. Without this flag, they always use the grid
-    /// and take its false cells as empty.
+    /// Let renderers ignore the grid of --occupancy [default: they must use it, and take its false cells as empty].
     #[arg(long, requires = "occupancy")]
     occupancy_optional: bool,
     /// Build no occupancy grid; rendering then skips no empty space.

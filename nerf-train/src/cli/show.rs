@@ -36,7 +36,7 @@ pub struct Show {
     /// Show only this camera of the split, from 0.
     #[arg(long, value_name = "I")]
     camera: Option<usize>,
-    /// Maximum number of rays.
+    /// Maximum number of rays to draw.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = within(1, 5000))]
     rays: usize,
     /// Samples per ray (networks without a grid) [default: the preset's].

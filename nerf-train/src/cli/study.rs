@@ -54,7 +54,7 @@ pub struct Study {
     /// Number of views that are timed.
     #[arg(long, value_name = "N", default_value_t = 2)]
     timing_views: usize,
-    /// Number of timing rounds.
+    /// Maximum number of timing rounds; the median time is reported.
     #[arg(long, value_name = "N", default_value_t = 4)]
     repeats: usize,
     /// Time budget, minutes; skips timing rounds that would exceed it.

@@ -66,8 +66,8 @@ struct Lists {
     /// Features per level: 1, 2 or 4; a list to compare (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     features: Vec<u8>,
-    /// Cells along the longest side of the scene box or image, at the finest level (grids) [default: the preset's; for
-    /// images, the image size].
+    /// Cells along the longest side of the scene box or image, at the finest level, a list to compare (grids) [default:
+    /// the preset's; for images, the image size].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     finest: Vec<u16>,
     /// Initial learning rates, a list to compare.

@@ -63,7 +63,7 @@ pub struct Dataset {
     pub val: Vec<View>,
     /// Test views, on which the result is evaluated; may be empty.
     pub test: Vec<View>,
-    /// Poses without pictures, such as `c2ws_test`: a path to render.
+    /// Cameras without pictures, such as `c2ws_test`: a path to render.
     pub test_path: Vec<Camera>,
     /// Distance at which rays begin, world units along the ray; `None` if neither file nor caller states it.
     pub near: Option<f32>,
@@ -141,7 +141,7 @@ impl Dataset {
         Ok(())
     }
 
-    /// Stores `origin` in its field, the name and a note. Before the call, coordinates must be relative to `origin`.
+    /// Stores `origin` in [`Self::origin`], the name and a note. All coordinates must be relative to `origin` already.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -156,7 +156,7 @@ impl Dataset {
         self
     }
 
-    /// All cameras that have a picture: training, validation, test.
+    /// Returns all cameras that have a picture: training, validation, test.
     pub fn cameras(&self) -> impl Iterator<Item = &Camera> {
         [&self.train, &self.val, &self.test].into_iter().flatten().map(|view| &view.camera)
     }
@@ -320,7 +320,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     read_watched(path, options, &Watch::default())
 }
 
-/// Does the same as [`read`]. Counts in `watch` how many pictures have been read; another thread can show the progress.
+/// Does the same as [`read`], and counts the pictures read in `watch`, so that another thread can show the progress.
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;
@@ -385,7 +385,7 @@ fn check_range(near: Option<f32>, far: Option<f32>) -> Result<(), DatasetError> 
     }
 }
 
-/// Name of the scene: the folder's name, or the file's stem.
+/// Returns the name of the scene: the folder's name, or the file's stem.
 fn scene_name(path: &Path) -> String {
     let path = std::path::absolute(path).unwrap_or(path.into());
     let name = if path.is_dir() { path.file_name() } else { path.file_stem() };

@@ -26,7 +26,7 @@ impl<'v> FileNames<'v> {
         Self { views, stems: stems(views.iter().map(|view| view.name.as_str())) }
     }
 
-    /// The stem of the view at `index`.
+    /// Returns the file name stem of the view at `index`.
     ///
     /// # Panics
     /// If there is no view at `index`.
@@ -34,7 +34,7 @@ impl<'v> FileNames<'v> {
         &self.stems[index]
     }
 
-    /// The stem of one of the views.
+    /// Returns the file name stem of one of the views.
     ///
     /// # Panics
     /// If `view` is not one of the views.
@@ -66,7 +66,7 @@ fn stems<'n>(names: impl Iterator<Item = &'n str>) -> Vec<String> {
     plain.iter().map(|stem| assign(stem)).collect()
 }
 
-/// `name` without its extension, of at most [`MAX_BYTES`] bytes; characters other than letters and digits become `_`.
+/// Returns `name` without extension, cut to [`MAX_BYTES`] bytes; characters other than letters and digits become `_`.
 fn plain(name: &str) -> String {
     let stem = Path::new(name).with_extension("");
     let letter = |c: char| if c.is_alphanumeric() { c } else { '_' };
@@ -84,12 +84,12 @@ pub(crate) fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Number with its noun: `1 view`, `2 views`.
+/// Returns a number with its noun: `1 view`, `2 views`.
 pub(crate) fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
-/// Text that lists the first eight names, separated by commas, and states the number of remaining names, if any.
+/// Returns the first eight names, separated by commas, and the number of remaining names, if any, as text.
 pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 8;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();

@@ -103,7 +103,7 @@ impl Report {
     }
 }
 
-/// Warning that names the views with exactly the same pose as another view; `None` if there are none.
+/// Returns a warning that names the views with exactly the same pose as another view; `None` if there are none.
 fn one_place(dataset: &Dataset) -> Option<String> {
     let mut seen = HashMap::new();
     let mut twins = Vec::new();
@@ -119,7 +119,7 @@ fn one_place(dataset: &Dataset) -> Option<String> {
     (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
 }
 
-/// Warning, with a remedy, if the cameras do not look at a common place. If their axes meet behind the cameras, the
+/// Returns a warning, with a remedy, if the cameras do not look at a common place. If their axes meet behind them, the
 /// remedy is the other convention ([`Axes::other`]). Forward-facing captures get no warning: their axes need not meet.
 fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {
     if look_at.agrees() || look_at.forward_facing() {

@@ -35,7 +35,7 @@ pub struct KeyPoint {
 }
 
 impl View {
-    /// A photograph without a mask and without key points.
+    /// Makes a view without a mask and without key points. `pixels`: `[height * width]`.
     pub fn new(name: String, camera: Camera, pixels: Vec<[u8; 4]>) -> Self {
         Self { name, camera, pixels, mask: None, near: 0.0, key_points: Vec::new() }
     }
@@ -45,7 +45,7 @@ impl View {
         (i.width, i.height)
     }
 
-    /// The pixel in column `x` and row `y`, or `None` outside of the picture.
+    /// Returns the pixel in column `x` and row `y`; `None` outside of the picture.
     pub fn pixel(&self, x: u32, y: u32) -> Option<[u8; 4]> {
         let (width, height) = self.size();
         let index = y as usize * width as usize + x as usize;
@@ -125,7 +125,7 @@ pub fn over(pixel: [u8; 4], background: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|c| f32::from(pixel[c]) / 255.0 * alpha + background[c] * (1.0 - alpha))
 }
 
-/// Mean sRGB of the pixels that are not masked out, in `[0, 1]`; black if there are none.
+/// Returns the mean sRGB of the pixels that are not masked out, in `[0, 1]`; black if there are none.
 pub fn mean_colour(views: &[View]) -> [f32; 3] {
     let (mut sum, mut count) = ([0u64; 3], 0u64);
     for view in views {
@@ -156,7 +156,7 @@ pub enum Background {
 }
 
 impl Background {
-    /// Background of `views`: from their alpha or, if all pixels are opaque, from their border pixels.
+    /// Finds the background of `views`: from their alpha or, if all pixels are opaque, from their border pixels.
     pub fn of(views: &[View]) -> Self {
         if views.iter().any(View::has_alpha) {
             return Self::Alpha;

@@ -16,12 +16,12 @@ impl Watch {
         self.done.load(Ordering::Relaxed)
     }
 
-    /// Total number of pictures to be read; 0 until it is known.
+    /// Returns the total number of pictures to be read; 0 until it is known.
     pub fn total(&self) -> u64 {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Time spent on computing or reading shared cameras, one for each device. The time of a fit excludes this time.
+    /// Returns the time spent on computing or reading shared cameras, one per device. It does not count as fit time.
     pub fn set_aside(&self) -> Duration {
         Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
     }

@@ -38,7 +38,7 @@ use nerf_core::space::SceneBox;
 /// Number of pixels that the longest side of lego's box spans in photographs of 200 × 200 pixels. The preset was chosen
 /// for photographs of this size.
 const PRESET_PIXELS: f32 = 175.0;
-/// Largest binary logarithm of a level's number of entries. Already a table of 2^19 entries exceeds a core's cache.
+/// Largest binary logarithm of a level's number of entries. A table of 2^19 entries already exceeds a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
 /// Upper limit, in [`for_pixels`], of the ratio of a scene's pixels to [`PRESET_PIXELS`]. Without a limit, the ratio
 /// would grow without bound as cameras come near the middle of the box.
@@ -48,8 +48,8 @@ const ROUNDED_CELLS: f32 = 32.0;
 /// Multiple to which the number of march steps across the scene box is rounded.
 const ROUNDED_STEPS: f32 = 10.0;
 
-/// Number of pixels that the longest side of the scene box spans in a photograph, if the side is as far from the camera
-/// as the middle of the box. Median over the training views; `None` if the median is not finite.
+/// Returns the number of pixels that the longest side of the scene box spans at the distance of the box's middle from
+/// the camera: the median over the training views. `None` if the median is not finite.
 pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     let middle = 0.5 * (scene_box.min + scene_box.max);
     let side = (scene_box.max - scene_box.min).max_element();
@@ -84,10 +84,10 @@ pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     config
 }
 
-/// A run with a limit in seconds is long only if the limit is at least this. From this time on, twice the table entries
-/// clearly raise PSNR (see the last table of this module's documentation).
+/// Least limit in seconds with which a run counts as long. From this time on, twice the table entries clearly raise
+/// PSNR (see the last table of this module's documentation).
 const LONG_SECONDS: f64 = 45.0;
-/// A run with a limit in steps is long only if the limit is at least this.
+/// Least limit in training steps with which a run counts as long.
 const LONG_STEPS: u32 = 15_000;
 
 /// Whether a run is long. A limit in seconds, if set, must be at least `LONG_SECONDS`; a limit in steps, if set, must

@@ -8,8 +8,8 @@ use std::time::Instant;
 
 /// Number of steps between two points of the training curve, apart from the points at validations.
 pub(super) const POINT_EVERY: u32 = 20;
-/// If a step took longer than this, seconds, the state is serialised before the next step. If a signal arrives during
-/// the next step, this state is saved.
+/// Length of a step, seconds, above which the state is serialised before the next step. If a signal arrives during the
+/// next step, this state is saved.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -19,7 +19,7 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Used fraction of the budget. To the elapsed time, `last_step` seconds are added for the next step.
+    /// Returns the used fraction of the budget, with `last_step` seconds added to the elapsed time for the next step.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
@@ -34,10 +34,10 @@ pub(super) trait Task {
 
     /// Whether the run has results that must be saved before a signal ends the process.
     fn is_worth_keeping(&self) -> bool;
-    /// Path and bytes of a checkpoint of the present state; `None` if the run writes no checkpoints.
+    /// Returns the path and bytes of a checkpoint of the present state; `None` if the run writes no checkpoints.
     fn checkpoint(&self) -> Option<File>;
-    /// Path and bytes of the 2D field's file, which an interruption writes in addition to the checkpoint. `None` for a
-    /// scene, or without an output path.
+    /// Returns path and bytes of the present 2D field's file. If the run is interrupted, this file is written in
+    /// addition to the checkpoint. `None` for a scene, or without an output path.
     fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
     fn interrupted(&self) -> String;
 
@@ -50,7 +50,7 @@ pub(super) trait Task {
 #[allow(clippy::large_enum_variant, reason = "made once a run")]
 pub enum Ended<O> {
     Finished(O),
-    /// Ended by Ctrl-C. `checkpoint`: path of the checkpoint that was written, if the run writes checkpoints.
+    /// The run was ended by Ctrl-C after step `step`. `checkpoint`: path of the checkpoint, if one was written.
     Interrupted {
         step: u32,
         checkpoint: Option<PathBuf>,
@@ -159,7 +159,7 @@ pub(super) fn how_to_go_on(checkpoint: Option<&Path>) -> String {
     })
 }
 
-/// Message for a resumed run whose checkpoint already has all steps.
+/// Returns the message for a resumed run whose checkpoint already has all steps.
 pub(super) fn nothing_done(steps: u32) -> String {
     format!("nothing was done: the checkpoint has all {steps} steps; --steps asks for more")
 }

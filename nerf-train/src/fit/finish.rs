@@ -176,8 +176,8 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Scores of the field in `blob` on `views`, over the run's background. `parameters`: unrounded weights to use in place
-/// of the stored ones.
+/// Returns the scores of the field in `blob` on `views`, over the run's background. `parameters`: unrounded weights to
+/// use in place of the stored ones.
 fn scores_of<'v>(
     session: &Session<'_, '_>,
     blob: &[u8],
@@ -189,8 +189,8 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Returns the scores of `views` for each of the `renderings`, pairs of a blob and quality settings. All renderings are
-/// scored on the same pixels: as many as the time limit allows, up to a fixed largest number per view.
+/// Returns the scores of `views` for each rendering in `renderings`, a pair of a blob and quality settings. All
+/// renderings are scored on the same pixels: as many as the time limit allows, up to a largest number per view.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -261,8 +261,8 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Scores of the training photographs, without masked pixels. Measuring them is planned to take at most the fraction
-/// [`QUESTION_SHARE`] of the time limit.
+/// Returns the score of each training photograph, without masked pixels. The pixels are so few that measuring is
+/// expected to take at most the fraction [`QUESTION_SHARE`] of the time limit.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -278,13 +278,14 @@ fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec
     Ok(scores_of(session, draft, None, &Quality::default(), &thinned)?.views)
 }
 
-/// The training views on which alternatives for the export are compared, with their refined cameras.
+/// Returns the training views on which alternatives for the export are compared, with their refined cameras.
 pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     let (train, cameras) = (&session.dataset.train, session.trainer.training_cameras());
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Refined poses of all views, and scores of the validation views with these poses; `None` if poses are not refined.
+/// Returns the refined poses of all views, and the scores of the validation views with these poses on every
+/// `lattice`-th row and column. `None` twice if poses are not refined; without validation views, `None` for the scores.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -301,7 +302,8 @@ fn refine(
     Ok((Some(poses), (!views.is_empty()).then_some(scores)))
 }
 
-/// PSNR lost by quantisation of weights and tables, dB, on some of the views of `scores`; `None` without views.
+/// Returns the PSNR lost by quantisation of weights and tables, dB, on some validation views. `scores`: scores of the
+/// quantised field `draft` on all validation views, at pixel spacing `lattice`. `None` without validation views.
 fn ask_rounding(
     session: &Session<'_, '_>,
     candidate: &Candidate,

@@ -34,7 +34,7 @@ pub struct Pace {
     dense: bool,
 }
 
-/// Smallest odd spacing, along rows and columns, at which at most about `count` of `pixels` pixels are measured.
+/// Returns the smallest odd spacing, along rows and columns, that measures at most about `count` of `pixels` pixels.
 ///
 /// Of each block of spacing × spacing pixels, the middle pixel is measured. Only an odd spacing has a middle pixel.
 pub fn lattice_of(pixels: u64, count: f64) -> u32 {
@@ -43,8 +43,8 @@ pub fn lattice_of(pixels: u64, count: f64) -> u32 {
 }
 
 impl Pace {
-    /// State before any measurement, for a run with a limit of `seconds`. `report`: whether a report is written.
-    /// `dense`: whether the scene will also be measured without its occupancy grid.
+    /// Creates the state before any measurement, for a run with a limit of `seconds`. `report`: whether a report is
+    /// written. `dense`: whether the scene will also be measured without its occupancy grid.
     pub fn new(seconds: Option<f64>, report: bool, dense: bool) -> Self {
         Self { seconds, report, dense, ..Self::default() }
     }
@@ -53,13 +53,13 @@ impl Pace {
         self.seconds.is_some()
     }
 
-    /// The fraction `share` of the time limit, seconds; infinity without a limit.
+    /// Returns `share` times the time limit, seconds; infinity without a limit.
     pub fn share(&self, share: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |seconds| share * seconds)
     }
 
-    /// Number of seconds that a validation may take if it begins after `now` seconds of the run. All validations
-    /// together then take at most the fraction [`VALIDATION_SHARE`] of `now`.
+    /// Returns the seconds that a validation may take if it begins after `now` seconds of the run, so that all
+    /// validations take at most the fraction [`VALIDATION_SHARE`] of `now`. Infinity without a time limit.
     pub fn allowance(&self, now: f64) -> f64 {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
@@ -79,16 +79,16 @@ impl Pace {
         self.per_pixel.is_some()
     }
 
-    /// Spacing of the measured pixels along rows and columns, for validation during training and for comparisons of
-    /// export candidates. `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view.
-    /// `seconds`: time that rendering all views may take.
+    /// Returns the spacing of the measured pixels along rows and columns, for validation during training and for
+    /// comparisons of export candidates. `pixels`: number of pixels of all views. `largest`: number of pixels of the
+    /// largest view. `seconds`: time that rendering all views may take.
     pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
     }
 
-    /// Smallest spacing, along rows and columns, at which rendering the views is expected to take at most `seconds`.
-    /// `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view, of which at least
-    /// about `PROBED_PIXELS` are measured.
+    /// Returns the smallest spacing, along rows and columns, at which rendering the views is expected to take at most
+    /// `seconds`. `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view, of which at
+    /// least about `PROBED_PIXELS` are measured.
     pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         let coarsest = self.probe(largest);
         match self.per_pixel {
@@ -99,7 +99,7 @@ impl Pace {
         }
     }
 
-    /// Seconds that rendering `pixels` pixels is expected to take; 0 before the first measurement.
+    /// Returns the seconds that rendering `pixels` pixels is expected to take; 0 before the first measurement.
     pub fn seconds_of(&self, pixels: u64) -> f64 {
         MARGIN * self.per_pixel.unwrap_or(0.0) * pixels as f64
     }

@@ -26,7 +26,7 @@ use std::time::Instant;
 pub struct RunOptions {
     /// Limits in steps and seconds. The limit in seconds applies to this command alone, even if it resumes a run.
     pub budget: Budget,
-    /// If the limit in seconds ends the run before this many steps, the run fails.
+    /// Least number of steps: the run fails if the limit in seconds ends it earlier.
     pub min_steps: u32,
     /// Path of the checkpoint file; `None`: no checkpoints are written.
     pub checkpoint: Option<PathBuf>,
@@ -46,7 +46,7 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// Options of a run that writes nothing during training, and always exports view-dependent colour.
+    /// Returns the options of a run that writes nothing during training, and always exports view-dependent colour.
     pub fn unattended(budget: Budget, kernel: Kernel, style: ProgressStyle) -> Self {
         Self {
             budget,
@@ -64,8 +64,8 @@ impl RunOptions {
         }
     }
 
-    /// Settings of the learned grid in the checkpoint from which this run resumes. JSON null if the checkpoint has no
-    /// grid; `None` if the run does not resume.
+    /// Returns the settings of the learned grid in the checkpoint from which this run resumes. JSON null if the
+    /// checkpoint has no grid; `None` if the run does not resume.
     pub fn resumed_grid(&self) -> anyhow::Result<Option<Value>> {
         let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(None) };
         // Text that is not JSON is refused later, as settings of another run.
@@ -105,7 +105,7 @@ pub(super) struct Session<'a, 'd> {
     pub(super) pace: Pace,
     /// Number of pixels of all validation views, and number of training pixels on which export candidates are compared.
     pub(super) pixels: [u64; 2],
-    /// Counters when this command's first step began; above 0 if the run was resumed.
+    /// Counts of steps, rays and samples when this command's first step began; above 0 if the run was resumed.
     pub(super) started: Progressed,
     pub(super) taken_up: Instant,
     pub(super) train_seconds: f64,
@@ -114,7 +114,7 @@ pub(super) struct Session<'a, 'd> {
 }
 
 impl Session<'_, '_> {
-    /// Used fraction of the budget after `step` steps and `seconds`, with time reserved for the end.
+    /// Returns the used fraction of the budget after `step` steps and `seconds`, with time reserved for the end.
     pub(super) fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.reserve())
     }
@@ -126,12 +126,12 @@ impl Session<'_, '_> {
         self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
     }
 
-    /// Number of times that each validation view is measured at the end: 2 if poses are refined, else 1.
+    /// Returns the number of times that each validation view is measured at the end: 2 if poses are refined, else 1.
     pub(super) fn times(&self) -> u64 {
         if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
     }
 
-    /// Seconds since this command's first step began; above 0.
+    /// Returns the seconds since this command's first step began; above 0.
     pub(super) fn seconds_here(&self) -> f64 {
         self.taken_up.elapsed().as_secs_f64().max(1e-9)
     }
@@ -148,7 +148,7 @@ pub fn run(
     run_since(Clock::start(), dataset, config, options, stop)
 }
 
-/// Fits a scene as [`run`] does, with the time counted from the start of `clock`.
+/// Fits a scene as [`run`] does, but with the run's time counted from the start of `clock`.
 pub fn run_since(
     clock: Clock,
     dataset: &Dataset,

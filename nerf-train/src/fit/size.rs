@@ -64,8 +64,8 @@ pub struct Chosen {
 }
 
 /// Adapts the settings of the learned grid and the occupancy grid so that the exported file has at most `max_bytes`
-/// bytes. The limit holds whatever the run learns, and includes a Pareto front. `extent`: sides of the scene box, world
-/// units. Returns `None` without a learned grid.
+/// bytes, whatever the run learns, even with a full Pareto front of rendering settings. `extent`: sides of the scene
+/// box, world units. Returns `None` without a learned grid.
 ///
 /// If the file of `config` is too large, f16 tables become entropy-coded, unless the user chose the format. Coded
 /// tables have as many values as fit, and then the finest quantisation steps that fit. Their number of entries may
@@ -174,7 +174,7 @@ fn most_values(
     )
 }
 
-/// Least number of bytes of a grid's table values in the format `storage`; `bits`: bits per entropy-coded value.
+/// Returns the least size, bytes, of a grid's table values in format `storage`; `bits`: bits per entropy-coded value.
 fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     let values = grid.values();
     match storage {
@@ -185,8 +185,8 @@ fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     }
 }
 
-/// Candidate resolutions of the occupancy grid, finest first, none finer than configured. If the user set the
-/// resolution, it is the only candidate.
+/// Returns the candidate resolutions of the occupancy grid, finest first, none finer than configured. If the user set
+/// the resolution, it is the only candidate.
 fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) -> Vec<u16> {
     let own = config.occupancy_resolution(extent);
     let share = (max_bytes as f64 * OCCUPANCY_SHARE) as usize;
@@ -204,8 +204,8 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
     }
 }
 
-/// Candidate table settings, f16 before entropy-coded and many levels before few. No candidate has more levels than
-/// `own`, the configured table. Only entropy-coded candidates have more entries, by up to `more` doublings.
+/// Returns the candidate table settings, f16 before entropy-coded and many levels before few. No candidate has more
+/// levels than `own`, the configured table. Only entropy-coded candidates have more entries, by up to `more` doublings.
 ///
 /// `cells(h)`: candidate resolutions `[coarsest, finest]` of the levels if the number of entries is halved `h` times. A
 /// negative `h` means that the number is doubled `-h` times.
@@ -245,17 +245,17 @@ fn tables(
     all
 }
 
-/// Largest number of cells along x, y, z that an occupancy grid of this `resolution` can have. A run builds the grid
-/// either at full resolution, or at half the resolution with each cell then divided into eight. Rounding makes the
-/// numbers of cells differ.
+/// Returns the largest number of cells along x, y, z that an occupancy grid of this `resolution` can have. A run builds
+/// the grid either at full resolution, or at half the resolution with each cell then divided into eight. Rounding makes
+/// the numbers of cells differ.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
     std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
 }
 
-/// Size of the largest file that a run can export, bytes: with a full Pareto front, and with numbers whose encoding is
-/// longest. `extent`: sides of the scene box, world units.
+/// Returns the size of the largest file that a run can export, bytes: with a full Pareto front, and with numbers whose
+/// encoding is longest. `extent`: sides of the scene box, world units.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];
@@ -306,8 +306,8 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     length(body, config.network.grid.as_ref())
 }
 
-/// Size of the largest file that a fit of a 2D field can export, bytes. `size`: width and height of the fitted
-/// picture, pixels. `name`: name of the picture.
+/// Returns the size of the largest file that a fit of a 2D field can export, bytes. `size`: width and height of the
+/// fitted picture, pixels. `name`: name of the picture.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {
@@ -323,7 +323,7 @@ pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> R
     length(body, config.grid.as_ref())
 }
 
-/// Provenance of the largest file: every number is present and takes the most bytes.
+/// Returns the provenance of the largest file: every number is present and takes the most bytes.
 fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     Provenance {
         data,
@@ -336,8 +336,8 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     }
 }
 
-/// Size of the file of `body`, bytes, with all weights. If its network has a learned grid, the file includes tables
-/// with the settings `table`; entropy-coded tables are counted with their largest size.
+/// Returns the size of the file of `body`, bytes, with all weights. If its network has a learned grid, the file
+/// includes tables with the settings `table`; entropy-coded tables are counted with their largest size.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();

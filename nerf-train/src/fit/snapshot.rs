@@ -18,8 +18,8 @@ pub struct SnapshotOptions {
 }
 
 impl SnapshotOptions {
-    /// Indices of the views to render, each once. `watched`: views validated during training, which are rendered if
-    /// the options name no views.
+    /// Returns the indices of the views to render, each once; those in `watched` if the options name no views. Fails if
+    /// an index is not below the number of validation views, or if snapshots are requested without validation views.
     pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();
@@ -40,7 +40,7 @@ impl SnapshotOptions {
         Ok(chosen)
     }
 
-    /// The requested steps at which no snapshot was taken, ascending. `taken`: the snapshots of the run.
+    /// Returns the requested steps at which no snapshot was taken, ascending. `taken`: the snapshots of the run.
     pub fn missed(&self, taken: &[Snapshot]) -> Vec<u32> {
         let steps: BTreeSet<u32> = self.steps.iter().copied().collect();
         steps.into_iter().filter(|&step| taken.iter().all(|snapshot| snapshot.step != step)).collect()

@@ -79,7 +79,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summary of a fit whose blob was written to the file `blob`; `data`: name of the data set.
+    /// Returns the summary of a fit whose blob was written to the file `blob`; `data`: name of the data set.
     pub fn of(
         outcome: &Outcome,
         config: &Config,

@@ -19,7 +19,7 @@ pub(super) const ASKED_VIEWS: usize = 3;
 /// Number of equal parts of the budget. If no interval is given, a validation follows each part.
 const PARTS: f64 = 8.0;
 
-/// Indices of at most `count` of `len` elements, spread over all of them.
+/// Returns at most `count` evenly spaced indices below `len`, beginning with 0. `count` must be above 0.
 pub(super) fn spread_indices(len: usize, count: usize) -> impl ExactSizeIterator<Item = usize> {
     (0..len).step_by(len.div_ceil(count).max(1))
 }
@@ -28,13 +28,13 @@ pub fn spread(views: &[View], count: usize) -> Vec<&View> {
     spread_indices(views.len(), count).map(|i| &views[i]).collect()
 }
 
-/// Indices of the views that are validated during training, among `len` validation views.
+/// Returns the indices of the views that are validated during training, among `len` validation views.
 pub(super) fn watched(len: usize) -> Vec<usize> {
     let all: Vec<usize> = spread_indices(len, FINAL_VIEWS).collect();
     spread_indices(all.len(), WATCHED_VIEWS).map(|i| all[i]).collect()
 }
 
-/// Number of pixels of all views together, and of the largest view.
+/// Returns the number of pixels of all views together, and of the largest view.
 pub(super) fn pixels_of<'v>(views: impl IntoIterator<Item = &'v View>) -> (u64, u64) {
     let counts = views.into_iter().map(View::pixel_count);
     counts.fold((0, 0), |(all, largest), count| (all + count, largest.max(count)))
@@ -46,7 +46,7 @@ pub(super) struct Due {
     pictures: bool,
 }
 
-/// Returns whether a validation, snapshots or both are due; `None` if neither is. `share`: used fraction of the budget.
+/// Returns what is due, a validation, snapshots or both; `None` if nothing is. `share`: used fraction of the budget.
 /// `ended`: whether the last step is done. The decision depends on step, budget and the trainer's state, so that a
 /// resumed run validates at the same steps as an uninterrupted run. With a limit in seconds, the decision also depends
 /// on measured times.

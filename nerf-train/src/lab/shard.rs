@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// Part of a sweep that one process runs: `i/n` takes every n-th point, beginning with the i-th.
+/// Part of the work that one process does: `i/n` takes every n-th item (run or frame), beginning with the i-th.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
     /// Index of this part, from 1 to `count`.
@@ -16,6 +16,7 @@ impl Shard {
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
     /// Returns this process's part of an array job, and the variable with the part's index; `None` outside array jobs.
+    /// Fails if a variable is missing or contradicts the others. `variable`: reads an environment variable.
     ///
     /// Slurm: `SLURM_ARRAY_TASK_ID` is one of `SLURM_ARRAY_TASK_COUNT` evenly spaced indices. The first index is
     /// `SLURM_ARRAY_TASK_MIN` (default 0), the last `SLURM_ARRAY_TASK_MAX`, the spacing `SLURM_ARRAY_TASK_STEP`

@@ -38,22 +38,22 @@ pub struct Scores {
 }
 
 impl Scores {
-    /// Mean PSNR over the views, dB; `None` without views.
+    /// Returns the mean PSNR over the views, dB; `None` without views.
     pub fn psnr_db(&self) -> Option<f64> {
         mean(self.views.iter().map(|score| score.psnr_db))
     }
 
-    /// Smallest PSNR of a view, dB; `None` without views.
+    /// Returns the smallest PSNR of a view, dB; `None` without views.
     pub fn worst_psnr_db(&self) -> Option<f64> {
         self.views.iter().map(|score| score.psnr_db).min_by(f64::total_cmp)
     }
 
-    /// Mean over the views of [`ViewScore::aligned_psnr_db`], dB; `None` without views.
+    /// Returns the mean over the views of [`ViewScore::aligned_psnr_db`], dB; `None` without views.
     pub fn aligned_psnr_db(&self) -> Option<f64> {
         mean(self.views.iter().map(|score| score.aligned_psnr_db))
     }
 
-    /// Mean SSIM over the views; `None` without views.
+    /// Returns the mean SSIM over the views; `None` without views.
     pub fn ssim(&self) -> Option<f64> {
         mean(self.views.iter().map(|score| score.ssim))
     }
@@ -212,12 +212,12 @@ impl Evaluation {
     }
 }
 
-/// Background colour of a blob's scene; black for a 2D field.
+/// Returns the background colour of a blob's scene; black for a 2D field.
 pub fn own_background(blob: &Blob<'_>) -> [f32; 3] {
     blob.scene().map_or([0.0; 3], |scene| scene.background)
 }
 
-/// Pixels of the picture whose column and row are multiples of `step`.
+/// Returns the pixels whose column and row are multiples of `step`. `picture`: `[height * width]`.
 fn lattice(picture: &[[f32; 3]], width: usize, step: usize) -> Vec<[f32; 3]> {
     let rows = picture.chunks_exact(width).step_by(step);
     rows.flat_map(|row| row.iter().step_by(step)).copied().collect()

@@ -29,7 +29,7 @@ pub struct ViewErrors {
 }
 
 impl ViewErrors {
-    /// Errors of a frame against ground truth and against the exact frame of the same view.
+    /// Returns the errors of a frame against ground truth and against the exact frame of the same view.
     pub fn of(frame: &Frame, truth: &[[f32; 3]], exact: &Frame) -> Self {
         let difference = |(a, b): (&f32, &f32)| f64::from(a - b).abs();
         // Returns NaN if a value is NaN, unlike `max`.
@@ -115,7 +115,7 @@ impl Point {
         Self { origin, settings, label, views: vec![None; views], rounds: Vec::new(), memory }
     }
 
-    /// Errors and cost over the views that were rendered both for this point and for `exact`, the exact rendering.
+    /// Summarises errors and cost over the views rendered both for this point and for `exact`, the exact rendering.
     pub fn totals(&self, exact: &Self) -> Totals {
         let pairs: Vec<(&ViewErrors, &ViewErrors)> =
             self.views.iter().zip(&exact.views).filter_map(|(own, e)| own.as_ref().zip(e.as_ref())).collect();
@@ -148,7 +148,7 @@ impl Point {
         }
     }
 
-    /// Seconds per view by `clock`; `None` if the point was never timed.
+    /// Returns the seconds per view, measured by `clock`; `None` if no round of timing is complete.
     pub fn seconds(&self, clock: Clock) -> Option<Seconds> {
         let rounds: Vec<f64> = self.rounds.iter().filter_map(|round| mean(round, clock)).collect();
         Some(Seconds {
@@ -159,7 +159,8 @@ impl Point {
         })
     }
 
-    /// Median over the rounds of the ratio of this point's time to that of `exact`. `None` if no round timed both.
+    /// Returns the median, over the rounds of timing, of this point's render time divided by that of `exact`. `None` if
+    /// no round timed both points completely.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =
@@ -185,14 +186,14 @@ impl Clock {
     }
 }
 
-/// Mean time over the views of a round, seconds. `None` without views, or if a view's time is missing or not finite.
+/// Returns the mean time over a round's views, seconds. `None` without views, or if a time is missing or not finite.
 fn mean(round: &[Option<Clocked>], clock: Clock) -> Option<f64> {
     let seconds: Option<Vec<f64>> = round.iter().map(|c| c.as_ref().map(|c| clock.of(c))).collect();
     let seconds = seconds.filter(|seconds| !seconds.is_empty())?;
     Some(seconds.iter().sum::<f64>() / seconds.len() as f64).filter(|mean| mean.is_finite())
 }
 
-/// Median of the values; for an even number, the mean of the two in the middle. `None` without values.
+/// Returns the median of the values; for an even number, the mean of the two in the middle. `None` without values.
 fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -221,14 +222,14 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Settings of the exact rendering. Every sample inside the scene box is evaluated and coloured, and no ray ends
-    /// early. The occupancy grid is used only if the scene file requires the grid (`occupancy_required`). Sines are
-    /// polynomial. The arithmetic is f32 with the fastest instruction set.
+    /// Returns the settings of the exact rendering. Every sample inside the scene box is evaluated and coloured, and no
+    /// ray ends early. The occupancy grid is used only if the scene file requires the grid (`occupancy_required`).
+    /// Sines are polynomial. The arithmetic is f32 with the fastest instruction set.
     pub fn exact(blob: &Blob<'_>) -> Self {
         Self { quality: Quality::exact(blob), ..Self::base() }
     }
 
-    /// The renderer's default settings, in f32 with the fastest instruction set.
+    /// Returns the renderer's default settings, in f32 with the fastest instruction set.
     pub fn base() -> Self {
         Self {
             quality: Quality::default(),

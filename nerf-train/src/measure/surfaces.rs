@@ -72,7 +72,7 @@ impl Surfaces {
     }
 }
 
-/// Rays through the pixels of a regular grid over a view, without masked pixels.
+/// Returns rays through about `ASKED_PIXELS` pixels on a regular grid over a view, without masked pixels.
 fn lattice(view: &View) -> Vec<RaySegment> {
     let (width, height) = view.size();
     let pixels = u64::from(width) * u64::from(height);

@@ -6,7 +6,7 @@ use nerf_core::encoding::{GridEncoding, GridLevel};
 
 /// Number of candidate quantisation steps per octave: neighbours differ by a factor of 2^(1/16).
 const TO_AN_OCTAVE: i32 = 16;
-/// Exponent `i` (see [`FINEST`]) of the default step of the level with the most values; a value then takes 4.6 bits.
+/// Exponent `i` (see [`FINEST`]) of the default quantisation step of the level with the most values; 4.6 bits a value.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
 /// Exponent `i` of the finest candidate step. A candidate step is 2^(`i` / 16) times the root mean square of all
 /// values. The exponents end at [`COARSEST`], with which every value becomes 0.
@@ -41,7 +41,7 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
 }
 
 /// Returns the least exponent from `least` to [`COARSEST`] with which coded tables take at most `most` bytes, else
-/// [`COARSEST`]. `rounded`: the rounded values for an exponent.
+/// [`COARSEST`]. `rounded(i)`: table values rounded with exponent `i`, one signed byte each.
 ///
 /// Coding takes 30 times as long as computing the [`entropy`]. The search therefore begins at an exponent estimated
 /// from entropies and one coding. Steps double until the result lies between two exponents; then intervals are halved.
@@ -71,7 +71,7 @@ fn finest_within(least: i32, most: usize, grid: &GridEncoding, rounded: impl Fn(
     high
 }
 
-/// Returns the entropy of `values`, bytes, if each level's values were independent.
+/// Returns the entropy of `values` in bytes, with the values of each level treated as independent.
 fn entropy(grid: &GridEncoding, values: &[u8]) -> f64 {
     let features = usize::from(grid.features);
     let of_level = |level: GridLevel| {
@@ -124,7 +124,7 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
 }
 
 /// Returns `values` with 0 in the entries that no sample in an occupied cell reads. Levels with more than [`SHARED`]
-/// vertices per entry stay unchanged. `bits`: one per occupancy cell.
+/// vertices per entry stay unchanged. `resolution`, `bits`: occupancy cells along x, y, z, and one bit per cell.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],

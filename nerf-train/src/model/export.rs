@@ -33,7 +33,8 @@ pub enum Tables<'a> {
 }
 
 impl<'a> Tables<'a> {
-    /// Returns a grid's trained `values`; [`Tables::None`] without a grid. `scales`: as in [`Tables::Values`].
+    /// Returns [`Tables::Values`] with the trained `values` of `grid`; [`Tables::None`] without a grid. `scales`:
+    /// quantisation step of each level; empty if not known.
     pub fn of(grid: Option<&TableConfig>, values: &'a [f32], scales: &'a [f32]) -> Self {
         grid.map_or(Self::None, |grid| Self::Values { values, rounding: grid.rounding(), scales })
     }

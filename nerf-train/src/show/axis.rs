@@ -1,6 +1,6 @@
 //! Ticks at round numbers for axes and legends, and their labels.
 
-/// At most `most` (≥ 1) ticks in [`low`, `high`]: multiples of 1, 2 or 5 times a power of ten.
+/// Returns at most `most` (≥ 1) ticks in [`low`, `high`]: multiples of 1, 2 or 5 times a power of ten.
 ///
 /// A range of one number has one tick. A range that is reversed or not finite has none. Any other range has at least
 /// two ticks if `most` ≥ 4.
@@ -28,7 +28,7 @@ pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
     Vec::new()
 }
 
-/// Labels of the ticks: just enough decimals to tell them apart; long numbers in scientific notation.
+/// Returns the labels of the ticks: just enough decimals to tell them apart; long numbers in scientific notation.
 pub fn labels(ticks: &[f64]) -> Vec<String> {
     let largest = ticks.iter().fold(0.0_f64, |m, t| m.max(t.abs()));
     let steps = ticks.windows(2).map(|pair| (pair[1] - pair[0]).abs());

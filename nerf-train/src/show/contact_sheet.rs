@@ -25,7 +25,7 @@ impl Cell {
     }
 }
 
-/// Contact sheet on a white background: `title` on top unless it is empty, then rows of `columns` cells.
+/// Draws a contact sheet on a white background: `title` on top unless it is empty, then rows of `columns` cells.
 ///
 /// `columns` is clamped to `1..=cells.len()`. If there are no cells and no title, the result is a small white picture.
 pub fn contact_sheet(title: &str, cells: &[Cell], columns: usize) -> Picture {

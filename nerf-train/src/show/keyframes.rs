@@ -12,8 +12,8 @@ pub struct Keyframe {
     pub fov_degrees: f32,
 }
 
-/// Path of `frames` keyframes from the first of `keys` to the last, evenly spaced by arc length. The path is a
-/// Catmull-Rom spline through positions and rotations. A rotation by 90° adds as much arc length as the mean distance
+/// Returns a path of `frames` keyframes from the first of `keys` to the last, evenly spaced by arc length. The path is
+/// a Catmull-Rom spline through positions and rotations. A rotation by 90° adds as much arc length as the mean distance
 /// between neighbouring `keys`. The logarithm of the focal length is interpolated linearly, without overshoot.
 ///
 /// If `keys` has one keyframe, the result is this keyframe; if `keys` is empty, the result is empty.
@@ -49,7 +49,7 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     (0..frames).map(frame).collect()
 }
 
-/// Rotations of the keyframes as quaternions. Of q and −q (same rotation), the one nearer to its predecessor is used.
+/// Returns the rotations of `keys` as quaternions. Of q and −q (same rotation), the one nearer to the previous is used.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {
@@ -59,8 +59,8 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     turns
 }
 
-/// Position, rotation and field of view (degrees) on the path. `at`: fractional index into `keys`; `turns`: rotations
-/// from [`aligned`].
+/// Returns the position, rotation and field of view (degrees) on the path. `at`: fractional index into `keys`; `turns`:
+/// rotations from [`aligned`].
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;

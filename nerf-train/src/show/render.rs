@@ -41,7 +41,7 @@ pub fn render(
     Ok(counters)
 }
 
-/// Distances at the ends of the colour map, world units: one range for all frames of a video, per distance output.
+/// Finds distances at the ends of the colour map, world units: one range per distance output for all frames of a video.
 ///
 /// The ranges are needed before the first frame is written. A coarse pass finds the ranges with a sixteenth of the
 /// work; otherwise, all frames would have to be kept in memory. `each` is called with the number of frames done.
@@ -67,7 +67,7 @@ pub fn ranges(
     Ok(distances.iter().copied().zip(values.iter().map(range)).collect())
 }
 
-/// Camera of the same view in fewer pixels, for [`ranges`].
+/// Returns a camera of the same view in fewer pixels, for [`ranges`].
 pub fn coarse(camera: &Camera) -> Result<Camera, CameraError> {
     let side = |pixels: u32| (pixels / 4).max(COARSE).min(pixels);
     scaled(camera, (side(camera.intrinsics().width), side(camera.intrinsics().height)))

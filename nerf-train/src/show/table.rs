@@ -13,7 +13,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Table without rows. A name in `columns` should include the unit, as in "time, s".
+    /// Creates a table without rows. A name in `columns` should include the unit, as in "time, s".
     pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = S>) -> Self {
         Self { columns: columns.into_iter().map(cell).collect(), rows: Vec::new() }
     }
@@ -31,8 +31,8 @@ impl Table {
         self
     }
 
-    /// Table as CSV (RFC 4180, lines end in "\n"): column names first, cells quoted where needed. Line ends in cells
-    /// are escaped, as many programs read a file line by line.
+    /// Returns the table as CSV (RFC 4180, lines end in "\n"): column names first, cells quoted where needed. Line ends
+    /// in cells are escaped, as many programs read a file line by line.
     pub fn to_csv(&self) -> anyhow::Result<Vec<u8>> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         for row in std::iter::once(&self.columns).chain(&self.rows).filter(|row| !row.is_empty()) {
@@ -48,13 +48,13 @@ impl Table {
         Ok(write_atomic(path, &self.to_csv()?)?)
     }
 
-    /// Table as text for the terminal; columns of numbers are aligned right. Every line ends in "\n".
+    /// Returns the table as text for the terminal; columns of numbers are aligned right. Every line ends in "\n".
     pub fn to_text(&self) -> String {
         let tidy = |cell: &String| cell.split_whitespace().collect::<Vec<_>>().join(" ");
         self.lines(tidy, "", "  ", "", |_, width| "─".repeat(width))
     }
 
-    /// Table in Markdown (GitHub's), with columns aligned in the source; every line ends in "\n".
+    /// Returns the table in Markdown (GitHub's), with columns aligned in the source; every line ends in "\n".
     pub fn to_markdown(&self) -> String {
         let tidy = |cell: &String| {
             let cell = cell.replace('\\', "\\\\").replace('|', "\\|").replace('<', "&lt;");
@@ -67,8 +67,8 @@ impl Table {
         })
     }
 
-    /// Lines of the table. `tidy` changes each cell before padding. `left`, `between`, `right`: text around the cells.
-    /// `rule(right_aligned, width)` returns the dashes below the name of a column that is `width` characters wide.
+    /// Returns the table's lines. `tidy` changes each cell before padding; `left`, `between`, `right`: text around
+    /// cells; `rule(right_aligned, width)`: dashes below the name of a column that is `width` characters wide.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,

@@ -32,7 +32,7 @@ struct Placed {
     x: f32,
 }
 
-/// Positions of a line's characters, and width of the line, pixels.
+/// Returns the positions of a line's characters, and width of the line, pixels.
 fn layout(text: &str, size: f32) -> (Vec<Placed>, f32) {
     let mut placed: Vec<Placed> = Vec::new();
     let mut x = 0.0;
@@ -54,12 +54,12 @@ fn sane(size: f32) -> f32 {
     if size.is_nan() { 1.0 } else { size.clamp(1.0, LARGEST) }
 }
 
-/// Width of one line of text, pixels; `size`: line height, pixels.
+/// Returns the width of one line of text, pixels; `size`: line height, pixels.
 pub fn width(text: &str, size: f32) -> usize {
     layout(text, sane(size)).1.ceil() as usize
 }
 
-/// Height of the picture of one line of text, pixels: the line height `size`, rounded up, from 1 to `LARGEST`.
+/// Returns the height of the picture of one line of text, pixels: `size`, the line height, rounded up, 1 to `LARGEST`.
 pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }

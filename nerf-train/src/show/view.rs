@@ -38,7 +38,7 @@ impl Output {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
 
-    /// Name of the output, such as `z_depth`: suffix of its file (unless requested first) and title of its legend.
+    /// Returns the output's name, such as `z_depth`, for the legend's title and the suffix of additional files.
     pub fn suffix(self) -> &'static str {
         match self {
             Self::Rgb | Self::All => "rgb",
@@ -50,7 +50,7 @@ impl Output {
         }
     }
 
-    /// Values of a distance output, world units; for any other output the distance along the ray.
+    /// Returns the values of a distance output, world units; for any other output the distance along the ray.
     pub fn distances(self, frame: &Frame) -> &[f32] {
         match self {
             Self::ZDepth => &frame.z_depth,
@@ -89,7 +89,7 @@ pub fn write_still(
     Ok(())
 }
 
-/// Name and values of each channel of an output. Names follow the conventions of compositing programs, if any exist.
+/// Returns name and values of each channel of an output. Names follow conventions of compositing programs, if any.
 fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
     let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
     match output {
@@ -114,7 +114,7 @@ fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'stati
     }
 }
 
-/// RGB picture of an output. `range`: distances at the two ends of the colour map, as in [`write_still`].
+/// Returns the RGB picture of an output. `range`: distances at the two ends of the colour map, as in [`write_still`].
 pub fn picture_of(frame: &Frame, output: Output, range: Option<(f32, f32)>) -> anyhow::Result<Picture> {
     let size = (frame.width, frame.height);
     Ok(match output {

@@ -28,8 +28,8 @@ pub enum Sink {
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// Number after this run's last frame, if the folder has a file of this number, which an earlier run left. `None` if
-    /// several processes share the folder, each with a part of the frames.
+    /// Number after this run's last frame, if an earlier run left a frame with this number in the folder; else `None`.
+    /// Always `None` if several processes write frames to the folder.
     pub older_from: Option<usize>,
 }
 
@@ -79,8 +79,8 @@ enum FilmWriter {
 }
 
 impl Film {
-    /// Video of `fps` frames per second: an MP4 if there is an `ffmpeg`, else a GIF. The first frame opens the file and
-    /// sets its size.
+    /// Creates a video of `fps` frames per second: an MP4 if there is an `ffmpeg`, else a GIF. The first frame opens
+    /// the file and sets its size.
     pub fn new(path: PathBuf, ffmpeg: Option<Ffmpeg>, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         Ok(Self { path, ffmpeg, fps, writer: None })

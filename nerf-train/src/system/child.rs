@@ -148,7 +148,7 @@ pub struct Heard {
 }
 
 impl Heard {
-    /// Starts a thread that reads `stream` and keeps its last `keep` bytes.
+    /// Starts a thread that reads `stream` and keeps its last `keep` bytes; without a stream, the output is empty.
     pub fn of(stream: Option<impl Read + Send + 'static>, keep: usize) -> Self {
         let kept = Arc::new(Mutex::new(Vec::new()));
         let (ending, ended) = mpsc::channel::<()>();

@@ -47,7 +47,7 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 /// Returns the bytes of a file as [`read_limited`] does; a pipe or device is an error.
 ///
 /// # Errors
-/// As [`open_regular`] and [`read_limited`].
+/// Errors of [`open_regular`] and [`read_limited`].
 pub fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     drop(open_regular(path)?);
     read_limited(path, limit)
@@ -58,14 +58,14 @@ pub fn value_name(choice: &impl clap::ValueEnum) -> String {
     choice.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
-/// Parses an argument of `N` numbers separated by commas.
+/// Parses exactly `N` numbers separated by commas; any other text is an error.
 pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], String> {
     let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
     let numbers = numbers.and_then(|numbers| numbers.try_into().ok());
     numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }
 
-/// Returns the text of a UTF-8 file, without the byte order mark that some editors put in front.
+/// Returns the text of a file of at most `limit` bytes, without a leading byte order mark; fails if it is not UTF-8.
 pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
     let mut bytes = read_limited(path, limit)?;
     let mark = bytes.len() - without_mark(&bytes).len();
@@ -94,7 +94,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, text))
 }
 
-/// Returns one line with a TOML error and its place in `text`: the parser's own message takes several lines.
+/// Returns a TOML error, with its line and column in `text`, on one line: the parser's own message takes several.
 pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {
@@ -107,7 +107,8 @@ pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     format!("line {row}, column {column}: {said} (in `{}`)", shown.trim())
 }
 
-/// Reads a pipe or device on another thread, as opening and reading may block. A blocked thread ends with the process.
+/// Reads at most `limit` bytes of a pipe or device; more bytes, or too long a wait for a byte, are an error. Another
+/// thread opens and reads, because both may block. A blocked thread ends with the process.
 fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>> {
     let (sender, pieces) = mpsc::sync_channel::<io::Result<Vec<u8>>>(16);
     let path = path.to_owned();

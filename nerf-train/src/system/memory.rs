@@ -26,7 +26,7 @@ pub fn check(what: impl Display, items: u64, bytes_each: u64, advice: &str) -> a
     Ok(())
 }
 
-/// Memory that a command may use, bytes: 80 % of what is free in the machine or, if less, in the process's cgroup.
+/// Returns the memory that a command may use, bytes: 80 % of the free memory of the machine or, if less, of the cgroup.
 pub fn limit() -> u64 {
     let read = |file: &str| std::fs::read_to_string(file).ok();
     let number = |file: &str| read(file)?.trim().parse::<u64>().ok();
@@ -37,7 +37,7 @@ pub fn limit() -> u64 {
     (free as f64 * SHARE) as u64
 }
 
-/// `MemAvailable` of /proc/meminfo, bytes.
+/// Returns `MemAvailable` from the text of /proc/meminfo, in bytes; `None` if it is missing or not a number.
 fn available(meminfo: &str) -> Option<u64> {
     let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)

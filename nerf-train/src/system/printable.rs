@@ -88,7 +88,7 @@ pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| acts(c) && !matches!(c, '\n' | '\t'), |safe, c| write!(safe, "{}", c.escape_unicode()))
 }
 
-/// Returns a name escaped as by [`line()`], and with markup escaped, for the prose of a Markdown report.
+/// Returns `text`, such as a name, escaped as by [`line()`] and with its markup escaped, for a Markdown report.
 ///
 /// # Examples
 /// ```
@@ -105,7 +105,7 @@ pub fn markdown(text: &str) -> String {
     escaped.into_owned()
 }
 
-/// Returns JSON with control and invisible characters escaped (`\u001b`): safe on a terminal, the same to a parser.
+/// Returns the JSON `text` with control and invisible characters escaped (`\u001b`). A parser reads the same values.
 ///
 /// Line ends and tabs stay: outside of strings they are white space, and inside they are escaped by any JSON writer.
 pub fn json(text: &str) -> Cow<'_, str> {

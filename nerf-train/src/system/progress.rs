@@ -108,7 +108,7 @@ enum Display {
 }
 
 impl Progress {
-    /// Starts the clock. The first update shows the bar or a line. `what`: name of the work, such as "train".
+    /// Creates a display and starts its clock; the first update shows the bar or a line. `what`: name of the work.
     pub fn new(what: impl Into<String>, total: Total, style: ProgressStyle) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let display = match style {
@@ -124,7 +124,7 @@ impl Progress {
         Self { what: what.into(), total, started: Instant::now(), first: 0, display }
     }
 
-    /// Starts the clock for work of `total` steps, as [`Self::new`] does.
+    /// Creates a display for work of `total` steps, as [`Self::new`] does.
     pub fn steps(what: impl Into<String>, total: usize, style: ProgressStyle) -> Self {
         Self::new(what, Total::Steps(total as u64), style)
     }
@@ -202,7 +202,7 @@ impl Progress {
         }
     }
 
-    /// Fraction of the work that is done, 0 to 1: the larger of the fractions of steps and of time; `None` if unknown.
+    /// Returns the fraction of the work that is done, 0 to 1, by steps or time, whichever is larger; `None` if unknown.
     fn share(&self, position: u64, elapsed: Duration) -> Option<f64> {
         let steps = |total: u64| if total == 0 { 1.0 } else { position as f64 / total as f64 };
         let time = |budget: Duration| {
@@ -217,7 +217,7 @@ impl Progress {
         Some(share.clamp(0.0, 1.0))
     }
 
-    /// Remaining time, estimated from this run's speed and limited by the time budget; `None` if unknown.
+    /// Returns the remaining time, estimated from this run's speed and limited by the time budget; `None` if unknown.
     fn remaining(&self, position: u64, elapsed: Duration) -> Option<Duration> {
         let done = position.saturating_sub(self.first);
         let steps = |total: u64| {
@@ -255,7 +255,7 @@ impl Progress {
         }
     }
 
-    /// Plain line of progress: "25 % · train 1,250/5,000 · 0:41, 2:03 left · 31.4 k rays/s · train 24.10 dB".
+    /// Returns a line of progress: "25 % · train 1,250/5,000 · 0:41, 2:03 left · 31.4 k rays/s · train 24.10 dB".
     fn describe(&self, position: u64, elapsed: Duration, message: &Message) -> String {
         let mut text = self.standing(position, elapsed);
         if let Some(share) = self.share(position, elapsed) {
@@ -265,7 +265,7 @@ impl Progress {
         if details.is_empty() { text } else { format!("{text} · {details}") }
     }
 
-    /// Position in steps and time: "train 1,250/5,000 · 0:41, 2:03 left".
+    /// Returns the position in steps and time as text: "train 1,250/5,000 · 0:41, 2:03 left".
     fn standing(&self, position: u64, elapsed: Duration) -> String {
         let mut text = format!("{} {}", self.what, HumanCount(position));
         // Writing into a String cannot fail.
@@ -280,7 +280,7 @@ impl Progress {
     }
 }
 
-/// Text of the values of a message: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
+/// Returns the values of a message as text: "31.4 k rays/s · train 24.10 dB · val 23.87 dB".
 fn details(message: &Message) -> String {
     let parts = [
         message.rays_per_s.filter(|rate| rate.is_finite()).map(|rate| format!("{} rays/s", scaled(rate))),
@@ -326,7 +326,7 @@ fn new_bar() -> ProgressBar {
     }
 }
 
-/// Prints a line that belongs to no task, in the format of `style`.
+/// Prints a line that belongs to no task to stderr, in the format of `style`; prints nothing in quiet mode.
 pub fn say(style: ProgressStyle, line: &str) {
     match style {
         ProgressStyle::Json => say_lines(style, line),
@@ -334,7 +334,7 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// Prints lines that belong to no task, in the format of `style`. Callers must escape names with [`printable::line`].
+/// Does the same as [`say`] for several lines. Callers must escape names in `lines` with [`printable::line`].
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}
@@ -352,12 +352,12 @@ fn print_lines(lines: &str) {
     let _ = writeln!(std::io::stderr(), "{}", printable::lines(lines));
 }
 
-/// Seconds, rounded to the millisecond.
+/// Returns `time` in seconds, rounded to the millisecond.
 fn rounded_seconds(time: Duration) -> f64 {
     (time.as_secs_f64() * 1e3).round() / 1e3
 }
 
-/// Text of a value with three digits and a unit prefix: "31.4 k" for 31,400, "2.50 M" for 2,500,000.
+/// Returns a value as text with three digits and a unit prefix: "31.4 k" for 31,400, "2.50 M" for 2,500,000.
 fn scaled(value: f64) -> String {
     let (value, unit) = match value.abs() {
         size if size >= 1e9 => (value / 1e9, " G"),
@@ -373,7 +373,7 @@ fn scaled(value: f64) -> String {
     format!("{value:.decimals$}{unit}")
 }
 
-/// Text of a duration in minutes and seconds, after hours if there are any: "0:07", "12:41" or "3:05:09".
+/// Returns a duration as text, in minutes and seconds, after hours if there are any: "0:07", "12:41" or "3:05:09".
 fn in_words(time: Duration) -> String {
     let seconds = time.as_secs();
     let (hours, minutes, seconds) = (seconds / 3_600, seconds / 60 % 60, seconds % 60);

@@ -64,7 +64,7 @@ pub fn requested() -> bool {
     SIGNAL.load(Ordering::Relaxed) != 0
 }
 
-/// Exit status of a process that a signal ended: 128 plus the signal's number, for example 130 after Ctrl-C.
+/// Returns the exit status after a signal: 128 plus the signal's number, for example 130 after Ctrl-C.
 pub fn status() -> ExitCode {
     // Signal numbers end at 64.
     u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).map_or(ExitCode::FAILURE, ExitCode::from)
@@ -208,7 +208,7 @@ pub fn leave_to_signal() {
     }
 }
 
-/// Signals that are handled: SIGINT, SIGTERM and SIGHUP, except those that the process was started to ignore.
+/// Returns the signals to handle: SIGINT, SIGTERM and SIGHUP, except those that the process was started to ignore.
 #[cfg(unix)]
 pub fn answered() -> Vec<nix::sys::signal::Signal> {
     use nix::sys::signal::Signal;

@@ -8,7 +8,7 @@ use crate::system::printable;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// JSON of a result, followed by a line end.
+/// Returns a result as indented JSON, followed by a line end; a number that is not finite becomes `null`.
 ///
 /// # Examples
 /// ```

@@ -20,7 +20,8 @@ pub struct Average {
 }
 
 impl Average {
-    /// Creates an average of `parameters` values. `decay`: factor of the old average per step; 0 keeps no average.
+    /// Creates an average of `parameters` values, updated after every `every` training steps. `decay`: factor of the
+    /// old average per training step; 0 keeps no average.
     pub fn new(decay: f64, every: u32, parameters: usize) -> Self {
         let values = vec![0.0; if decay > 0.0 { parameters } else { 0 }];
         Self { decay: decay.powi(every as i32), every, updates: 0, values }
@@ -39,7 +40,7 @@ impl Average {
         self.updates = 0;
     }
 
-    /// Updates the average if `steps`, the number of steps done, is a multiple of the interval.
+    /// Updates the average with the present `parameters` if `every` divides `steps`, the number of steps done.
     pub fn update<'p>(&mut self, steps: u32, parameters: impl FnOnce() -> Cow<'p, [f32]>) {
         if self.values.is_empty() || !steps.is_multiple_of(self.every) {
             return;
@@ -56,7 +57,7 @@ impl Average {
         });
     }
 
-    /// The averaged parameters; `None` before the first update, or if no average is kept.
+    /// Returns the averaged parameters; `None` before the first update, or if no average is kept.
     pub fn values(&self) -> Option<&[f32]> {
         (self.updates > 0).then_some(&self.values)
     }

@@ -23,8 +23,8 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Length of a step of the ray march, world units. In a bounded scene, `1 / steps_across` of the longest side of
-    /// the scene box; in an unbounded scene, of the diameter of the uncontracted ball.
+    /// Returns the length of a step of the ray march, world units. In a bounded scene, `1 / steps_across` of the
+    /// longest side of the scene box; in an unbounded scene, of the diameter of the uncontracted ball.
     pub fn step(&self, steps_across: u16) -> f32 {
         let across = match self.contraction {
             Some(contraction) => 2.0 * contraction.radius(),
@@ -33,7 +33,7 @@ impl Bounds {
         across / f32::from(steps_across)
     }
 
-    /// Description, stored in the exported file, of a ray march in steps of [`Self::step`].
+    /// Returns the description, stored in the exported file, of a ray march in steps of [`Self::step`].
     pub fn sampling(&self, steps_across: u16) -> SceneSampling {
         match self.contraction {
             Some(contraction) => SceneSampling::Contracted {
@@ -47,12 +47,12 @@ impl Bounds {
 
 /// Number of cells along the longest side of a coarse visual hull. Only the scene box is computed from this hull.
 const COARSE_HULL: u16 = 64;
-/// In an unbounded scene without sparse points, space nearer to a camera than this is taken as empty. Unit: radii of
-/// the uncontracted ball.
+/// Distance from a camera, in radii of the uncontracted ball, up to which space is taken as empty in an unbounded scene
+/// without sparse points.
 const NEAR_RADII: f32 = 0.1;
 /// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
-/// A cell is occupied at first only if two cameras at least this far apart see it. Unit: radii of the uncontracted ball.
+/// Least distance of two cameras (radii of the uncontracted ball) that must see a cell so that it is occupied at first.
 const APART_RADII: f32 = 0.05;
 /// Quantile and factor. In an unbounded scene with sparse points, space is taken as empty up to this quantile of the
 /// distances from the cameras to the points in their photographs, times the factor.
@@ -60,7 +60,7 @@ const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
 /// Quantile and factor. If all cameras look nearly the same way, the radius of the uncontracted ball is this quantile
 /// of the distances from the cameras to the points in their photographs, times the factor.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Quantile and factor, used as in [`ALL_VIEWS`] to find where rays end in an unbounded scene with sparse points.
+/// Quantile and factor. Rays of an unbounded scene end at this quantile of camera-to-point distances, times the factor.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data.
@@ -97,8 +97,8 @@ pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, Tra
     Ok(Bounds { near, far, scene_box, contraction: None, empty_before: near })
 }
 
-/// Bounds of an unbounded scene. `power`: power of the contraction. The uncontracted ball is centred on the point that
-/// the cameras look at or, if all look in nearly the same direction, on the mean of their positions.
+/// Returns the bounds of an unbounded scene. `power`: power of the contraction. The uncontracted ball is centred on the
+/// point that the cameras look at or, if all look in nearly the same direction, on the mean of their positions.
 fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, TrainError> {
     let s = &config.sampling;
     let cameras: Vec<_> = dataset.train.iter().map(|view| view.camera).collect();
@@ -130,13 +130,13 @@ fn unbounded(dataset: &Dataset, config: &Config, power: u8) -> Result<Bounds, Tr
     Ok(Bounds { near, far, scene_box, contraction: Some(contraction), empty_before })
 }
 
-/// Visual hull; `None` if the settings turn it off, or if the photographs do not show what is background.
+/// Returns the visual hull; `None` if the settings turn it off, or if the photographs do not show what is background.
 fn hull(dataset: &Dataset, config: &Config, bounds: SceneBox, resolution: u16) -> Option<Occupancy> {
     let g = &config.occupancy;
     (g.skip && g.hull).then(|| Occupancy::carve(bounds, resolution, &dataset.train, dataset.background))?
 }
 
-/// Bounds found by [`find_box`], and the first occupancy grid, which is `None` if the settings turn occupancy off.
+/// Returns the bounds found by [`find_box`], and the first occupancy grid: `None` if the settings turn occupancy off.
 pub(crate) fn find_bounds(
     dataset: &Dataset,
     config: &Config,
@@ -158,7 +158,7 @@ pub(crate) fn find_bounds(
     Ok((bounds, occupancy))
 }
 
-/// First occupancy grid of an unbounded scene; see [`Occupancy::seen`].
+/// Returns the first occupancy grid of an unbounded scene; see [`Occupancy::seen`].
 fn seen(
     dataset: &Dataset,
     config: &Config,

@@ -56,7 +56,7 @@ impl State {
         psnr_db_of_mse(self.progressed.mse)
     }
 
-    /// Point of the training curve at the present step.
+    /// Returns the point of the training curve at the present step.
     pub fn point(&self, seconds: f64, val_psnr_db: Option<f64>) -> CurvePoint {
         let (step, train_psnr_db) = (self.progressed.step, self.train_psnr_db());
         CurvePoint { step, seconds, train_psnr_db, val_psnr_db, ..CurvePoint::default() }
@@ -70,7 +70,7 @@ impl State {
         }
     }
 
-    /// The last point of the curve that has a validation PSNR, and this PSNR, dB.
+    /// Returns the last point of the curve that has a validation PSNR, and this PSNR, dB.
     pub fn last_validation(&self) -> Option<(&CurvePoint, f64)> {
         self.curve.iter().rev().find_map(|point| Some((point, point.val_psnr_db?)))
     }
@@ -81,7 +81,7 @@ impl Checkpoint {
         write_atomic(path, &self.to_bytes())
     }
 
-    /// Contents of a checkpoint file: magic number with version, checksum, serialised state.
+    /// Returns the contents of a checkpoint file: magic number with version, checksum, serialised state.
     pub fn to_bytes(&self) -> Vec<u8> {
         // Serialising plain data to memory cannot fail.
         let body = postcard::to_stdvec(self).expect("plain data");
@@ -132,7 +132,7 @@ impl Checkpoint {
         }
     }
 
-    /// Name of the first part that contradicts the rest of the checkpoint or the run; `None` if all fit. A valid
+    /// Names the first part that contradicts the rest of the checkpoint or the run; `None` if all parts fit. A valid
     /// checksum does not prove that this program wrote the file. `average`: averaged parameters of the resuming run.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
@@ -155,8 +155,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Settings that must not change when a run is resumed, as JSON, since TOML has no u64 for the seed. Values that may
-/// change are set to 1: the number of steps and, with a learned grid, the number of samples per ray.
+/// Returns the settings that must not change when a run is resumed, as JSON, since TOML has no u64 for the seed. Values
+/// that may change are set to 1: the number of steps and, with a learned grid, the number of samples per ray.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();
@@ -166,7 +166,7 @@ pub(crate) fn settings(config: &impl Serialize) -> String {
     tree.to_string()
 }
 
-/// Path of the first field that differs, such as `network.width`, and its values in `now` and `then`; `None` if equal.
+/// Finds the first field that differs: path, such as `network.width`, and values in `now` and `then`; `None` if equal.
 pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
@@ -179,8 +179,8 @@ pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, S
     }
 }
 
-/// Checksum of the data that determine a run: training photographs, near, far, background, sparse points, and the
-/// cameras of all splits, from which the scene box is found.
+/// Returns the checksum of the data that determine a run: training photographs, near, far, background, sparse points,
+/// and the cameras of all splits, from which the scene box is found.
 pub fn fingerprint(data: &Dataset) -> u64 {
     const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
     let mut digest = CRC.digest();

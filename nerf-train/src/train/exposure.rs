@@ -43,7 +43,7 @@ impl ExposureFound {
         Self { spread, by_tracks, fitted, outlier }
     }
 
-    /// Message for the user about the spread of exposures and the outlier, if any. `views`: the training photographs.
+    /// Describes for the user the spread of exposures and the outlier, if any. `views`: the training photographs.
     pub fn in_words(&self, views: &[View]) -> String {
         let by = if self.by_tracks { "key points" } else { "the first steps" };
         let percent = 100.0 * (self.spread.exp() - 1.0);
@@ -99,8 +99,8 @@ impl Gains {
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// Does one Adam step of the log gains. `gradients`: gradient of the loss by each photograph's log gains.
-    /// Returns the finding at a trial's end, else `None`. If its `fitted` is false, the caller must discard the gains.
+    /// Does one Adam step. `gradients`: of the loss with respect to each photograph's log gains. Returns a finding
+    /// after the trial's last step, else `None`. If its `fitted` is false, the caller must discard the gains.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

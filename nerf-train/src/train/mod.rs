@@ -34,7 +34,7 @@ pub struct Progressed {
     /// Number of samples whose density was evaluated; without a learned grid, equal to `samples`.
     pub evaluated: u64,
     pub samples: u64,
-    /// Smoothed number per ray of samples with a backward pass or, without a learned grid, of all in occupied cells.
+    /// Smoothed number of samples per ray. With a learned grid, only samples with a backward pass are counted.
     live_per_ray: f64,
     /// Smoothed mean squared error of the training rays; NaN before the first step.
     pub mse: f64,
@@ -43,7 +43,7 @@ pub struct Progressed {
     pub reseeds: u32,
 }
 
-/// PSNR, dB, of a mean squared error; +inf for 0, NaN for NaN.
+/// Returns the PSNR, dB, of a mean squared error; +inf for 0, NaN for NaN.
 pub fn psnr_db_of_mse(mse: f64) -> f64 {
     // log10(0) is −inf without a special case, and + 0.0 keeps "-0" out of the reports.
     -10.0 * mse.log10() + 0.0
@@ -73,7 +73,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Path of the snapshot's image. `folder`: folder of the report; `dataset`: data set with the view.
+    /// Returns the path of the snapshot's image. `folder`: folder of the report; `dataset`: data set with the view.
     pub fn path(&self, folder: &Path, dataset: &Dataset) -> PathBuf {
         let names = FileNames::of(&dataset.val);
         folder.join("snapshots").join(format!("step_{:06}_{}.png", self.step, names.at(self.view)))

@@ -27,7 +27,7 @@ const FEWEST_VIEWS: usize = 8;
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
-/// The error of a patch is computed only if its 3 × 3 neighbourhood has at least this number of rays.
+/// Least number of rays in the 3 × 3 neighbourhood of a patch for which the patch's error is computed.
 const KNOWN: f32 = 8.0;
 /// Error above which a patch belongs to a region: the larger of two limits. First number: multiple of the median error
 /// of all patches. Second number: root-mean-square error over the channels, for colours of 0 to 1.
@@ -41,7 +41,7 @@ const NEIGHBOURS: usize = 2;
 /// Limit on the fraction of a region's patches that also have large errors in the photograph of one of the nearest
 /// cameras. From this fraction on, the field is wrong there, and the region is not masked.
 const SHARED: f32 = 0.5;
-/// If more than this fraction of all patches would be masked, none is: the whole capture is then wrong, not one object.
+/// Largest fraction of all patches that may be masked. Above it, none is: the whole capture is wrong, not one object.
 const MOST: f32 = 0.3;
 
 /// Division of a photograph into patches.
@@ -74,7 +74,7 @@ impl Tiles {
         self.first + y as usize * self.columns + x as usize
     }
 
-    /// Indices of `patch` and its up to eight neighbours. Patches are counted row by row within the photograph, from 0.
+    /// Returns the indices of `patch` and its up to eight neighbours, counted row by row within the photograph, from 0.
     fn around(&self, patch: usize) -> impl Iterator<Item = usize> + use<> {
         let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
         let columns = self.columns;
@@ -115,7 +115,7 @@ impl Moved {
     }
 }
 
-/// Messages for the user that name the photographs in `moved`; empty if `moved` is empty.
+/// Returns the messages for the user that name the photographs in `moved`; empty if `moved` is empty.
 pub fn in_words(moved: &[Moved]) -> Vec<String> {
     let of = |moved: &[&Moved]| match moved {
         [one] => format!("1 photograph ({})", one.name),
@@ -145,7 +145,7 @@ pub fn in_words(moved: &[Moved]) -> Vec<String> {
 }
 
 impl Moving {
-    /// Initial state, with nothing masked. `None` if the settings turn masks off, or with fewer than eight photographs.
+    /// Creates the state without masks. `None` if the settings turn masks off, or with fewer than eight photographs.
     pub fn of(views: &[View], setting: MovingObjects) -> Option<Self> {
         if setting == MovingObjects::Off || views.len() < FEWEST_VIEWS {
             return None;
@@ -217,7 +217,7 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Error of each patch of a photograph: root mean square, over the channels, of the mean signed error in the 3 × 3
+    /// Returns each patch's error: root mean square, over the channels, of the mean signed error in the 3 × 3
     /// neighbourhood minus its median over the photograph. `None` if the neighbourhood has fewer than `KNOWN` rays.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
@@ -270,7 +270,7 @@ fn tiles(views: &[View]) -> Vec<Tiles> {
     views.iter().map(of).collect()
 }
 
-/// For each photograph, the indices of the [`NEIGHBOURS`] others with the most similar camera position and direction.
+/// Returns, for each photograph, the [`NEIGHBOURS`] others whose cameras have the nearest position and direction.
 fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     let poses: Vec<(Vec3, Vec3)> =
         views.iter().map(|view| (view.camera.pose().position, view.camera.pose().forward())).collect();
@@ -289,7 +289,7 @@ fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     (0..poses.len()).map(of).collect()
 }
 
-/// Connected regions of the patches marked in `off`, as lists of patch indices.
+/// Returns the connected regions of the patches marked in `off`, as lists of patch indices.
 fn regions(tiles: &Tiles, off: &[bool]) -> Vec<Vec<usize>> {
     let (mut visited, mut regions) = (vec![false; off.len()], Vec::new());
     for start in 0..off.len() {

@@ -46,7 +46,7 @@ impl Photographs {
         found
     }
 
-    /// Name of the first part of `theirs`, read from a checkpoint, that cannot belong to this run; `None` if all fit.
+    /// Names the first part of `theirs`, read from a checkpoint, that cannot belong to this run; `None` if all fit.
     pub(super) fn wrong_part(&self, theirs: &Self, views: &[View], config: &Config) -> Option<&'static str> {
         let gains = theirs.gains.as_ref().is_none_or(|gains| gains.views() == views.len());
         let unbounded = config.sampling.contraction.is_some();
@@ -134,7 +134,7 @@ impl Photographs {
         given
     }
 
-    /// The refined poses; `None` if poses are not refined, or if the trial of refining them has not ended.
+    /// Returns the refined poses; `None` if poses are not refined, or if the trial of refining them has not ended.
     pub(super) fn refined(&self) -> Option<&Poses> {
         self.poses.as_ref().filter(|poses| poses.are_refined())
     }
@@ -143,7 +143,7 @@ impl Photographs {
         self.moving.as_ref().is_some_and(Moving::is_found)
     }
 
-    /// The training photographs `views` in which a moving object is masked at present.
+    /// Returns the training photographs `views` in which a moving object is masked at present.
     pub fn moved(&self, views: &[View]) -> Vec<Moved> {
         self.moving.as_ref().map_or_else(Vec::new, |moving| moving.found(views))
     }

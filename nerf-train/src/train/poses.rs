@@ -49,7 +49,7 @@ type Twist = [f32; 6];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections of the next rays' cameras. Rays are cast one step ahead: the cameras' last move may be missing.
+    /// Corrections of the cameras that cast the next rays; the last move may be missing, as rays are cast early.
     cast: Vec<Twist>,
     /// For each camera, the sum of the loss gradients with respect to its pose since the last move.
     sums: Vec<Twist>,
@@ -61,8 +61,8 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median reprojection error of the sparse points, pixels; if not `by_tracks`, median motion of the photographs' pixels
-    /// by refining the poses in the first steps.
+    /// Median reprojection error of the sparse points, pixels. If `by_tracks` is false: median motion of the
+    /// photographs' pixels by refining the poses in the first steps.
     pub pixels: f64,
     /// Whether `pixels` is the reprojection error of sparse points.
     pub by_tracks: bool,
@@ -83,7 +83,8 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Poses to refine, if any, and finding about the given poses, if known. `sights`: whether lines of sight exist.
+    /// Returns poses to refine, if any, and a finding about the given poses, if any. `sights`: whether sight lines
+    /// exist.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -104,7 +105,7 @@ impl Poses {
         }
     }
 
-    /// State of `views` photographs before any correction. `on_trial`: whether the first steps decide about refinement.
+    /// Creates corrections of 0 for `views` photographs. `on_trial`: whether the first steps decide about refinement.
     pub fn given(views: usize, on_trial: bool) -> Self {
         let zeros = vec![[0.0; 6]; views];
         Self {
@@ -130,7 +131,7 @@ impl Poses {
             && self.moment2.as_flattened().iter().all(|&x| x >= 0.0)
     }
 
-    /// Cameras from which the rays of the next step are cast; `given`: the photographs with their given poses.
+    /// Returns the cameras that cast the rays of the next step; `given`: the photographs with their given poses.
     pub fn cast(&self, given: &[View]) -> Vec<Camera> {
         cameras(given, &self.cast)
     }
@@ -146,7 +147,7 @@ impl Poses {
         moved
     }
 
-    /// Request for the loss gradients of the rays' origins and directions. `share`: used fraction of the budget.
+    /// Builds the request for the loss gradients of ray origins and directions. `share`: used fraction of the budget.
     pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
@@ -179,7 +180,7 @@ impl Poses {
         self.verdict(step, given, contraction)
     }
 
-    /// Finding about the poses, returned once, after [`TRIAL`] steps; otherwise `None`. `step` counts from 0.
+    /// Returns the finding about the poses after step `TRIAL` − 1, else `None`; steps are counted from 0.
     fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;
@@ -211,8 +212,8 @@ impl Poses {
         }
     }
 
-    /// Image motion from the given to the refined pose, in pixels and in focal lengths: root mean square over the
-    /// points of a view, median over the views.
+    /// Returns the image motion from the given to the refined pose, in pixels and in focal lengths: root mean square
+    /// over the points of a view, median over the views.
     fn median_motion(&self, given: &[View], contraction: &Contraction) -> (f64, f64) {
         let of = |(view, moved): (&View, &Twist)| {
             let m = motion(&view.camera, contraction);
@@ -242,8 +243,8 @@ fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     given.iter().zip(moved).map(of).collect()
 }
 
-/// Matrix `M` for which `vᵀ M v` is the mean square, pixels², of the image motion caused by a small camera motion `v`.
-/// The mean is over a grid of image points at three depths.
+/// Returns the matrix `M` for which `vᵀ M v` is the mean square, pixels², of the image motion caused by a small camera
+/// motion `v`. The mean is over a grid of image points at three depths.
 fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     const SIDE: u8 = 5;
     let i = camera.intrinsics();
@@ -270,7 +271,7 @@ fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     sum.map(|row| row.map(|x| x / count))
 }
 
-/// Lower triangular matrix `L` with `L Lᵀ = m`, after a small multiple of the diagonal is added to `m`.
+/// Returns the lower triangular matrix `L` with `L Lᵀ = m`, after a small multiple of the diagonal is added to `m`.
 fn cholesky(m: &[[f32; 6]; 6]) -> [[f64; 6]; 6] {
     let mut l = [[0.0f64; 6]; 6];
     for i in 0..6 {
@@ -286,7 +287,7 @@ fn cholesky(m: &[[f32; 6]; 6]) -> [[f64; 6]; 6] {
     l
 }
 
-/// Forward substitution: `L⁻¹ x`.
+/// Returns `L⁻¹ x`, by forward substitution.
 fn forward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     let mut y = x.map(f64::from);
     for i in 0..6 {
@@ -296,7 +297,7 @@ fn forward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// Back substitution: `L⁻ᵀ x`.
+/// Returns `L⁻ᵀ x`, by back substitution.
 fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     let mut y = x.map(f64::from);
     for i in (0..6).rev() {

@@ -30,7 +30,7 @@ pub struct Done {
     pub reserve: f64,
 }
 
-/// Seconds as a duration: 0 if negative or NaN, and at most 30 years.
+/// Returns `seconds` as a duration: 0 if negative or NaN, and at most 30 years.
 pub fn duration(seconds: f64) -> Duration {
     const LONGEST: f64 = 1e9;
     Duration::try_from_secs_f64(if seconds > LONGEST { LONGEST } else { seconds }).unwrap_or_default()
@@ -48,19 +48,19 @@ impl Clock {
         Self { start: Instant::now(), before: Duration::ZERO }
     }
 
-    /// This clock with the time `before` of earlier commands added.
+    /// Returns this clock with `before` as the time of earlier commands.
     #[must_use]
     pub fn after(self, before: Duration) -> Self {
         Self { before, ..self }
     }
 
-    /// This clock with the time `spent` subtracted.
+    /// Returns this clock with the time `spent` subtracted.
     #[must_use]
     pub fn without(self, spent: Duration) -> Self {
         Self { start: self.start + spent, ..self }
     }
 
-    /// Seconds used, including those of earlier commands.
+    /// Returns the seconds used, including those of earlier commands.
     pub fn seconds(&self) -> f64 {
         self.before.saturating_add(self.start.elapsed()).as_secs_f64()
     }
@@ -111,8 +111,8 @@ impl Budget {
         )
     }
 
-    /// Used fraction of the budget, 0 to 1: of steps or of time, whichever is larger. The time excludes the last
-    /// `reserve` seconds of the limit, kept for the work after the last step.
+    /// Returns the used fraction of the budget, 0 to 1: of steps or of time, whichever is larger. The time excludes the
+    /// last `reserve` seconds of the limit, kept for the work after the last step.
     pub fn share(&self, step: u32, seconds: f64, reserve: f64) -> f64 {
         let of_steps = self.steps.map_or(0.0, |steps| f64::from(step) / f64::from(steps));
         let of_time = self.seconds.map_or(0.0, |limit| seconds / (limit - reserve).max(1e-3));
@@ -120,8 +120,8 @@ impl Budget {
     }
 }
 
-/// Learning rate at the used fraction `share` of the budget, after `step` steps: `rate · final_share^share`, after a
-/// linear warm-up.
+/// Returns the learning rate after `step` steps, when the fraction `share` of the budget is used:
+/// `rate · final_share^share`, after a linear warm-up.
 pub fn learning_rate(config: &OptimiserConfig, step: u32, share: f64) -> f64 {
     let warm = if config.warm_up == 0 { 1.0 } else { f64::from(step + 1) / f64::from(config.warm_up) };
     config.rate * config.final_share.powf(share) * warm.min(1.0)

@@ -27,7 +27,7 @@ const FEWEST: usize = 24;
 /// rises by 2.4 dB.
 const GAPS: [f64; 2] = [3.4, 4.4];
 const MOST: f64 = 30.0;
-/// The PSNR of a photograph is computed only from at least this number of rays.
+/// Least number of rays from which the PSNR of a photograph is computed.
 const KNOWN: f64 = 64.0;
 
 /// Colour errors of the training photographs while some of them are withheld.
@@ -70,7 +70,7 @@ impl std::fmt::Display for WithheldFound {
 }
 
 impl Withheld {
-    /// State before the first step; `None` if nothing is withheld, because of the settings or of too few photographs.
+    /// Creates the initial state; `None` if nothing is withheld, because of the settings or of too few photographs.
     pub fn of(views: &[View], config: &Config) -> Option<Self> {
         let fits = config.capture.withhold == Withholding::Auto
             && config.network.grid.is_some()
@@ -120,7 +120,7 @@ impl Withheld {
         }
     }
 
-    /// The finding after the last of the `TRIAL` steps with withheld photographs; `None` after any other `step`.
+    /// Returns the finding after the last of `TRIAL` steps with withheld photographs; `None` after any other `step`.
     pub fn verdict(&self, step: u32, optimiser: &OptimiserConfig) -> Option<WithheldFound> {
         if step + 1 != TRIAL {
             return None;
@@ -138,7 +138,7 @@ impl Withheld {
     }
 }
 
-/// PSNR of a photograph, dB, after subtraction of its mean error, which depends on exposure. `None`: too few rays.
+/// Returns a photograph's PSNR, dB, without its mean error (exposure); `None` with fewer than `KNOWN` rays.
 fn psnr_db(&[r, g, b, squares, count]: &[f64; 5]) -> Option<f64> {
     let offset = (r * r + g * g + b * b) / count;
     (count >= KNOWN).then(|| crate::train::psnr_db_of_mse((squares - offset) / (3.0 * count)))

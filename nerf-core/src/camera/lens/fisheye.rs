@@ -33,8 +33,8 @@ impl Lens {
     /// The unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
     ///
     /// Finds the smallest angle to the axis that is seen as far from the principal point as `(xd, yd)`, by Newton's
-    /// method inside a bracket. `None` if no angle up to π is seen at that distance. `None` also if the lens folds
-    /// before that distance is reached: beyond a fold, the seen distance no longer grows with the angle.
+    /// method inside a bracket. `None` if no angle up to π is seen at that distance, or if the lens folds before that
+    /// distance is reached: beyond a fold, the seen distance no longer grows with the angle.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {

@@ -43,10 +43,10 @@ pub struct Lens {
 /// Projection of a lens without distortion: how far from the principal point, in focal lengths, a direction is seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
-    /// Distance from the principal point: tangent of the direction's angle to the axis. Straight lines stay straight.
+    /// Pinhole: distance from the principal point, in focal lengths, is the tangent of the angle to the axis.
     #[default]
     Perspective,
-    /// Distance from the principal point: the direction's angle to the axis, radians, up to π.
+    /// Equidistant: distance from the principal point, in focal lengths, is the angle to the axis, radians, up to π.
     Fisheye,
 }
 
@@ -64,7 +64,7 @@ impl Lens {
         projection: Projection::Perspective,
     };
 
-    /// All coefficients with their names.
+    /// Returns the eight distortion coefficients, each with its name.
     pub(crate) fn coefficients(&self) -> [(&'static str, f32); 8] {
         let Self { k1, k2, p1, p2, k3, k4, k5, k6, .. } = *self;
         [("k1", k1), ("k2", k2), ("p1", p1), ("p2", p2), ("k3", k3), ("k4", k4), ("k5", k5), ("k6", k6)]

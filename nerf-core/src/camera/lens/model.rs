@@ -3,8 +3,8 @@
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// The lens folds where one of two quantities is at most this: the distortion's slope along a line from the axis, or
-/// the determinant of the distortion's Jacobian. Past a fold, one image point shows two directions.
+/// Limit of two quantities at or below which the lens counts as folded: the distortion's slope along a line from the
+/// axis, and the determinant of the distortion's Jacobian. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
 /// Limit for a minimum of the distortion's slope along a line from the axis. If the slope has a minimum of at most
 /// this, the lens counts as folded, even if the minimum is above [`FOLD`]: a step of Newton's method may jump across a
@@ -89,8 +89,8 @@ impl Lens {
         None
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`, not normalised; `None` if the inverse of the
-    /// distortion is not found. The direction of a fisheye may point backward.
+    /// The direction (right, down, forward; of any length) that is seen at the normalised image coordinates
+    /// `(xd, yd)`. `None` if no inverse of the distortion is found. The direction of a fisheye may point backward.
     pub fn direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         match self.projection {
             Projection::Fisheye => self.fisheye_direction(xd, yd),
@@ -186,8 +186,8 @@ impl Lens {
             && self.bend(9.0 / 7.0 * radius) <= 0.125
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)`; `None` if [`Lens::direction`] finds none. If
-    /// `from_axis` is true, also `None` if the lens folds between the axis and the direction.
+    /// The direction (right, down, forward) that is seen at the normalised image coordinates `(xd, yd)`. `None` if
+    /// [`Lens::direction`] is `None` or if, with `from_axis`, the lens folds between the axis and the direction.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         let dir = self.direction(xd, yd)?;
         let folds = || match self.projection {
@@ -267,9 +267,9 @@ impl Lens {
         })
     }
 
-    /// The direction (right, down, forward) that is seen at `(xd, yd)` through a camera's lens, not normalised. The
-    /// camera has checked its lens at a grid of image points only. If the lens folds between these points (possible
-    /// with strong `p1 p2`), returns `(xd, yd, 1)`, which is wrong but finite.
+    /// The direction (right, down, forward; of any length) seen at the normalised image coordinates `(xd, yd)`.
+    /// [`Camera::new`](crate::camera::Camera::new) has checked the lens at a grid of image points only. If the lens
+    /// folds between these points (possible with strong `p1 p2`), returns `(xd, yd, 1)`, which is wrong but finite.
     #[inline]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         if *self == Self::NONE {

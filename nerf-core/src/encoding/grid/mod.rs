@@ -34,7 +34,7 @@ use crate::simd::Isa;
 use crate::space::SceneBox;
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of levels of a grid.
+/// Maximum number of levels of a multiresolution grid.
 pub const MAX_GRID_LEVELS: usize = 32;
 /// Maximum number of cells of a level along one axis, 2^14. Up to this number, an f32 position counted in cells has at
 /// least ten bits after the binary point; these bits are the interpolation weight.
@@ -110,7 +110,7 @@ impl GridEncoding {
         self.resolutions.len() * usize::from(self.features)
     }
 
-    /// The levels, in the order of `resolutions`.
+    /// Iterator over the grid's levels, in the order of [`GridEncoding::resolutions`].
     pub fn levels(&self) -> GridLevels<'_> {
         GridLevels::of(self)
     }
@@ -198,7 +198,7 @@ impl GridEncoding {
 #[derive(Clone, Copy, Debug)]
 pub struct GridTables<'a> {
     values: TableValues<'a>,
-    /// Smallest corner (`min`) and side lengths (`sides`) of the box.
+    /// Smallest corner (`min`) and side lengths (`sides`) of the box that the grid spans.
     min: [f32; 3],
     sides: [f32; 3],
 }

@@ -9,7 +9,7 @@ use core::f32::consts::PI;
 /// Backward pass through the encoding of a block of samples, for any function `f` of the encoded values.
 ///
 /// `encoded`: `[outputs][stride]`, from [`encode_block`](super::encode_block). `of_encoded`: `[outputs][stride]`,
-/// ∂f/∂encoded. `of_x`: `[inputs][stride]`, set to ∂f/∂x. `stride` as for `encode_block`.
+/// ∂f/∂encoded. `of_x`: `[inputs][stride]`, set to ∂f/∂x. `stride`: number of samples, as for `encode_block`.
 ///
 /// At level `k`, `d sin(2^k s x)/dx = 2^k s cos(2^k s x)` and `d cos(2^k s x)/dx = −2^k s sin(2^k s x)`, where `s` is 1
 /// or π ([`AngleScale`]). The sines and cosines are among the encoded values, so that no angle is computed again.

@@ -16,7 +16,7 @@ mod tests;
 #[cfg(feature = "normals")]
 pub(crate) use gradient::encode_gradient_block;
 
-/// Maximum number of levels of an encoding.
+/// Maximum number of levels of a sinusoidal encoding.
 pub const MAX_LEVELS: u8 = 16;
 
 /// The factor `s` in `sin(2^k s x)`.

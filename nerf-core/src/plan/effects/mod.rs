@@ -3,9 +3,9 @@
 //! | effect | feature | costs |
 //! | --- | --- | --- |
 //! | [`Jitter`] | `jitter` | a hash for each bin that is tested for occupancy |
-//! | anti-aliasing | `anti-aliasing` | several rays a pixel, and memory for the sums of a tile's pixels |
-//! | [`ThinLens`] | `depth-of-field` | a few dozen operations a ray |
-//! | [`Tone`] | `tone-map` | 3 powers `x^p` a ray and 3 a pixel; with linear output, 3 a ray and 3 a coloured sample |
+//! | anti-aliasing | `anti-aliasing` | several rays per pixel, and memory for the sums of a tile's pixels |
+//! | [`ThinLens`] | `depth-of-field` | a few dozen operations per ray |
+//! | [`Tone`] | `tone-map` | 3 powers `x^p` per ray and 3 per pixel; with linear output, 3 per ray and 3 per coloured sample |
 //!
 //! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame in
 //! [`crate::render`], except [`Jitter`], which is in [`crate::sampling`]. In a build without an effect's feature, a
@@ -23,9 +23,9 @@ use crate::names::names;
 pub struct Effects {
     /// Random positions of samples in their bins; `None` places each sample in the middle of its bin.
     pub jitter: Option<Jitter>,
-    /// Number of rays a pixel, 1 to [`Effects::MAX_RAYS`]. With 1, the ray passes through the pixel's centre.
+    /// Number of rays per pixel, 1 to [`Effects::MAX_RAYS`]. With 1, the ray passes through the pixel's centre.
     pub anti_aliasing: u16,
-    /// A lens with an aperture; `None` for a pinhole.
+    /// A thin lens with an aperture; `None` for a pinhole, with which all distances are sharp.
     pub depth_of_field: Option<ThinLens>,
     /// Exposure, tone curve, linear output.
     pub tone: Tone,
@@ -109,7 +109,7 @@ impl Effects {
     /// No effect: one ray through each pixel's centre, samples in the middle of their bins, colours as the
     /// network gives them.
     pub const NONE: Self = Self { jitter: None, anti_aliasing: 1, depth_of_field: None, tone: Tone::NONE };
-    /// Maximum number of rays a pixel.
+    /// Maximum number of rays per pixel.
     pub const MAX_RAYS: u16 = 256;
 
     /// Returns these effects if all are valid, with `depth_of_field` set to `None` if the aperture's radius is 0.
@@ -150,7 +150,7 @@ impl Effects {
 errors! {
     /// An effect with a setting that is out of range, or an effect that is not in this build.
     EffectError:
-    /// A number of rays a pixel outside 1 to [`Effects::MAX_RAYS`].
+    /// A number of rays per pixel outside 1 to [`Effects::MAX_RAYS`].
     AntiAliasing { found: u16 } =>
         "effects.anti_aliasing: expected 1 to {most} rays a pixel, found {found}", most = Effects::MAX_RAYS;
     /// An aperture radius that is negative, above [`ThinLens::LARGEST`] or NaN.

@@ -5,8 +5,8 @@ use crate::render::field::Field;
 use crate::render::stages::RayNetworks;
 use core::ops::Range;
 
-/// Where one field's values begin in the buffers of [`Deferred`], which hold the values of all fields. A field without
-/// deferred shading has no values there.
+/// Position of one field's values in the buffers of [`Deferred`], which hold the values of all fields. `rows`: number
+/// of the field's hidden features; 0 without deferred shading.
 #[derive(Clone, Copy, Default)]
 struct Place {
     /// Index of the field's first value in `Deferred::parts`.
@@ -22,7 +22,7 @@ pub(super) struct Deferred<'w> {
     /// Hidden features `h` of the sample in each ray's current bin: one table `[rays][rows]` for each field, where
     /// `rows` is the field's number of features.
     parts: &'w mut [f32],
-    /// Sums along each ray: one table `[rays][rows + 1]` for each field. For each ray: Σ weight · h of each feature, then
+    /// Sums along each ray: one table `[rays][rows + 1]` for each field. A row holds Σ weight · h of each feature, then
     /// Σ weight.
     sums: &'w mut [f32],
     pub networks: RayNetworks<'w>,

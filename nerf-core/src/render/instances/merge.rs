@@ -30,8 +30,8 @@ const WALL: f32 = 1e30;
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// Position of the bin's sample along the ray, from the origin of [`Span::ray`]: distance in the field's units. In
-    /// an unbounded scene, the argument `s` of [`Contraction::distance`](crate::space::Contraction::distance).
+    /// Distance of the bin's sample from the origin of [`Span::ray`], in the field's units. In an unbounded scene, the
+    /// argument `s` of [`Contraction::distance`](crate::space::Contraction::distance).
     t: f32,
     /// Start of the bin, world units from the ray's start.
     from: f32,
@@ -60,8 +60,8 @@ enum Known {
     Sample,
 }
 
-/// A ray in world space. "The ray's start" is the point at distance `pixel.start` along the ray: the smallest
-/// [`Span::start`] of all fields, converted to world units.
+/// A ray in world space. The ray's start is the point at distance `pixel.start` from the ray's origin. `pixel.start` is
+/// the smallest [`Span::start`] of all fields, converted to world units.
 #[derive(Clone, Copy)]
 struct WorldRay {
     pixel: PixelRay,
@@ -207,7 +207,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Marches ray `i` to the next occupied bin of field `member`.
+    /// Marches ray `i` to the next occupied bin of field `member`, and stores the bin in `parts`.
     fn next_part(&mut self, member: usize, i: usize) {
         let Some(Instance { renderer, plan, placement }) = self.instances.get(member) else { return };
         let place = member * self.world.len() + i;
@@ -456,7 +456,7 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 
     /// Computes the sum of the fields' densities, and the mean colour weighted by density, at `points`: pairs of
-    /// position and direction, at most as many as one block holds. `sigma` and `rgb` must hold zeros.
+    /// position and direction, at most one block of points. `sigma` and `rgb` must hold zeros; `rgb` may be empty.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)> + Clone,

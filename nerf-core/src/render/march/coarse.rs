@@ -63,7 +63,7 @@ impl CoarseOccupancy {
     }
 }
 
-/// Sets the bit of each block that touches a block with a set bit, also at an edge or a corner.
+/// Sets the bit of each block that touches a block with a set bit, also at a corner. `[nx, ny, nz]`: numbers of blocks.
 fn dilate(bits: &mut [u8], [nx, ny, nz]: [usize; 3]) {
     let axes = [(ny * nz, nx), (nz, ny), (1, nz)];
     for (stride, side) in axes {
@@ -94,7 +94,7 @@ pub(crate) fn set(bits: &mut [u8], at: usize) {
     }
 }
 
-/// Test of packets against the coarse grid. Finds the distances along the rays at which occupied cells may lie.
+/// Test of packets of neighbouring rays against the coarse grid: finds the distances at which occupied cells may lie.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
@@ -191,7 +191,7 @@ impl CandidateBins {
         Self { found, first, per_bin, bins: step / bins.delta() }
     }
 
-    /// Index of the first candidate bin at or after `bin`; the largest `u32` if there is none.
+    /// Returns the index of the first candidate bin at or after `bin`; the largest `u32` if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
         // The cast saturates. Rounding may put a bin just behind the last interval.
@@ -203,7 +203,7 @@ impl CandidateBins {
         }
     }
 
-    /// Upper bound of the indices of candidate bins, exclusive.
+    /// Returns an upper bound, exclusive, of the indices of candidate bins; the largest `u32` if no bound is known.
     pub fn end(&self) -> u32 {
         let intervals = 64 - self.found.leading_zeros();
         if self.per_bin == 0.0 || intervals == INTERVALS {
@@ -245,7 +245,7 @@ impl Op for LookUp<'_> {
     }
 }
 
-/// Points of `ray` at the distances `t`, one per SIMD lane.
+/// Returns x, y and z of the points of `ray` at the distances `t`, one point per SIMD lane.
 #[inline(always)]
 pub(super) fn points_at<V: Lanes>(ray: &Ray, t: V) -> [V; 3] {
     let (mut origin, mut dir) = ([t; 3], [t; 3]);

@@ -16,7 +16,7 @@ use glam::Vec3;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct RayState {
     pub pixel: PixelRay,
-    /// Where the ray's first and last bin are cut short, if the ray uses only a part of these bins.
+    /// Cuts of the ray's first and last bin, if the ray uses only a part of these bins.
     pub ends: Ends,
     /// Index of the next bin, or of the next drawn sample if a proposal network is used.
     pub next: u32,
@@ -259,7 +259,7 @@ impl<'w> ProposalSamples<'w> {
         SampleInterval { t: t.max(t_min).min(t_max), mid, delta }
     }
 
-    /// Zeroes the rows of the first `rays` rays: proposal bins for which no weight is stored later have weight 0.
+    /// Zeroes the rows of the first `rays` rays, so that a proposal bin without a stored weight has weight 0.
     pub fn begin(&mut self, rays: usize) {
         self.0.iter_mut().for_each(|rows| head_mut(rows.t, rays * rows.row).fill(0.0));
     }

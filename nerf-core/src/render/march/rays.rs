@@ -41,8 +41,8 @@ pub(in crate::render) struct Rays<'f, 'w> {
 }
 
 impl<'f, 'w> Rays<'f, 'w> {
-    /// Reserves memory for a batch of rays. `occupied`: box around all occupied cells. `drawn`: number of values that
-    /// [`ProposalSamples`] stores for each ray; 0 if frames use no proposal network.
+    /// Reserves memory for a batch of rays. `occupied`: box around all occupied cells. `packets`: the packet test, if
+    /// used. `drawn`: number of values that [`ProposalSamples`] stores for each ray; 0 without proposal.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -66,7 +66,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Marches one ray of each pixel to the ray's first sample in an occupied cell; finishes rays that have none.
+    /// Marches one ray of each pixel to its first sample in an occupied cell. If a ray has no such sample, adds the
+    /// ray's result to its pixel at once.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,

@@ -23,7 +23,7 @@ pub(in crate::render) struct Window {
 impl Window {
     pub const NONE: Self = Self { end: 0, live: 0 };
 
-    /// Index of the first occupied bin at or after `from` in the window; `None` if there is none.
+    /// Returns the index of the window's first occupied bin at or after bin `from`; `None` if there is none.
     #[inline]
     pub fn left(&self, from: u32) -> Option<u32> {
         let left = if from < self.end { self.live >> (from + WIDTH - self.end) } else { 0 };

@@ -66,8 +66,8 @@ impl PixelSum {
         }
     }
 
-    /// Returns the mean of `rays` rays. Distances are weighted by opacity. If the mean opacity is too low for a
-    /// surface, the distances are `far`.
+    /// Returns the mean result of the pixel's `rays` rays. Distances are weighted by opacity. If the mean opacity is
+    /// too low for a surface, the distances are `far`.
     fn mean(&self, rays: u32, far: f32) -> Pixel {
         let rays = rays as f32;
         let opacity = self.opacity.value / rays;

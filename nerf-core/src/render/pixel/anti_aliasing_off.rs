@@ -1,4 +1,4 @@
-//! In place of `anti_aliasing.rs` in a build without the feature `anti-aliasing`: one ray through each pixel's centre.
+//! Replaces `anti_aliasing.rs` in a build without the feature `anti-aliasing`: one ray through each pixel's centre.
 
 use crate::memory::Layout;
 use crate::plan::Effects;

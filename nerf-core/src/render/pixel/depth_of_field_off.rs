@@ -1,4 +1,4 @@
-//! In place of `depth_of_field.rs` in a build without the feature `depth-of-field`: every lens is a pinhole.
+//! Replaces `depth_of_field.rs` in a build without the feature `depth-of-field`: every lens is a pinhole.
 
 use crate::camera::{Pose, Ray};
 use crate::plan::Effects;

@@ -11,7 +11,7 @@ mod tests;
 /// Stored distance of a ray whose transmittance has not yet fallen below one half.
 const NOT_YET: f32 = f32::INFINITY;
 
-/// Median distances, `[rays]`, world units, counted from where sample distances are 0; empty if not requested.
+/// Median distances, `[rays]`, world units, counted from `PixelRay::start`; empty if not requested.
 pub(in crate::render) struct Medians<'w> {
     distance: &'w mut [f32],
 }

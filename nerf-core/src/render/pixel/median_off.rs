@@ -1,4 +1,4 @@
-//! In place of `median.rs` in a build without the feature `median`: no median distances are computed.
+//! Replaces `median.rs` in a build without the feature `median`: no median distances are computed.
 
 use crate::memory::Layout;
 use crate::plan::Plan;

@@ -81,7 +81,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         if Medians::BUILT && self.plan.outputs.median_distance { far } else { 0.0 }
     }
 
-    /// Colour behind a ray: the plan's background, or black if the background is not shown.
+    /// Returns the colour behind a ray: the plan's background, or black if the background is not shown.
     fn background<M: Math>(&self) -> [f32; 3] {
         let shown = self.plan.outputs.rgb && self.background;
         tone::background::<M>(&self.plan.effects.tone, if shown { self.plan.background } else { [0.0; 3] })

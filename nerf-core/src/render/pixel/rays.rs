@@ -57,7 +57,7 @@ pub(in crate::render) struct CameraRays<'a, L> {
 
 impl<'a, L> CameraRays<'a, L> {
     /// Makes the source of the ray with index `turn` of every pixel. `limit`: function that takes a pixel's x and y and
-    /// returns where its ray ends. `far`: distance, world units, that is output for pixels without a surface.
+    /// returns the ray's end. `far`: distance, world units, that is output for pixels without a surface.
     pub fn new(camera: &'a Camera, effects: &'a Effects, turn: u32, limit: &'a L, far: f32) -> Self {
         let (offset, area) = (anti_aliasing::offset(effects, turn), depth_of_field::area(effects, turn));
         Self { camera, effects, offset, area, limit, far, forward: camera.pose().forward() }
@@ -138,8 +138,8 @@ impl From<Ray> for RaySegment {
     }
 }
 
-/// Where a pixel's ray ends, for example at the depth in a depth buffer. If the distance is infinity or NaN, the ray
-/// does not end.
+/// End of a pixel's ray, for example the depth in a depth buffer. With a distance of infinity or NaN, the ray has no
+/// end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Limit {
     /// The ray ends at this distance along the ray, world units.
@@ -169,7 +169,7 @@ impl Limit {
 /// The ray of a pixel, and the sums composited along the ray so far.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PixelRay {
-    /// The ray. In a frame of one field, its origin is moved to the point from which distances of samples are counted.
+    /// The ray. In a frame of one field, the origin is moved to the point from which distances of samples are counted.
     pub ray: Ray,
     /// Distance, world units, from the ray's original origin to the point from which sample distances are counted.
     pub start: f32,

@@ -20,7 +20,7 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The rectangle of a camera's whole image.
+    /// Returns the rectangle of a camera's whole image.
     pub fn full(camera: &Camera) -> Self {
         let i = camera.intrinsics();
         Self { x: 0, y: 0, width: i.width, height: i.height }
@@ -39,9 +39,9 @@ impl Rect {
         (self.y..self.y + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
     }
 
-    /// Tiles of at most `width` × `height` pixels that cover the rectangle, row by row.
+    /// Divides the rectangle into tiles of at most `width` × `height` pixels, row by row; a side of 0 counts as 1.
     ///
-    /// A rectangle that reaches beyond the largest `u32` is cut off there.
+    /// The part of a rectangle with x or y above the largest `u32` is left out.
     pub fn tiles(self, width: u32, height: u32) -> impl Iterator<Item = Self> {
         let (right, bottom) = (self.x.saturating_add(self.width), self.y.saturating_add(self.height));
         let starts = |from: u32, end: u32, step: u32| (from..end).step_by(step.max(1) as usize);

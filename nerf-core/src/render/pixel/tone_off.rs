@@ -1,4 +1,4 @@
-//! In place of `tone.rs` in a build without the feature `tone-map`: colours stay as the network outputs them.
+//! Replaces `tone.rs` in a build without the feature `tone-map`: colours stay as the network outputs them.
 
 #![expect(clippy::extra_unused_type_parameters, reason = "the interface of `tone.rs`")]
 

@@ -12,8 +12,8 @@ use crate::render::field::Field;
 use crate::render::march::RayState;
 use crate::render::pixel::samples_to_light;
 
-/// Fraction of a block, as (numerator, denominator). If a block's picked samples fill less than this, they are queued;
-/// otherwise their colours are evaluated immediately.
+/// Fraction of a block, as (numerator, denominator). If a smaller fraction of a block's samples is picked, the picked
+/// samples are queued; otherwise their colours are evaluated immediately.
 const QUEUED_BELOW: (usize, usize) = (3, 4);
 
 /// Stage that evaluates the colour branch at samples; has no buffers if shading is deferred or no colour is requested.
@@ -52,8 +52,8 @@ impl<'w> Colour<'w> {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Adds the colours of the samples picked from a block to their rays. If the picked samples fill less than
-    /// [`QUEUED_BELOW`] of the block, they are queued instead.
+    /// Adds the colours of the samples picked from a block to their rays. Queues the picked samples instead if they
+    /// fill less than [`QUEUED_BELOW`] of the block.
     pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(tile, picks, counters);

@@ -100,7 +100,7 @@ struct Columns<'a> {
     intervals: &'a mut [Row; 2],
     /// Least distance of a sample on each ray, world units ([`Plan::least_distance`]). Used in unbounded scenes only.
     near: &'a mut Row,
-    /// Where each ray's first and last bin are cut short ([`Ends`]).
+    /// Cuts of each ray's first and last bin: one row for each value of [`Ends::parts`].
     ends: &'a mut [Row; Ends::PARTS],
     /// Compositing state of each ray, without colour: transmittance, and sums over the samples composited so far.
     gathered: &'a mut side_by_side::Rows,

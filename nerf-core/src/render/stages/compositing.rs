@@ -16,7 +16,7 @@ use core::marker::PhantomData;
 
 const ROWS: usize = 4;
 
-/// Stage that composites a block of samples and picks those whose colour or normal is evaluated.
+/// Stage that composites a block of samples and picks the samples whose colour or normal is evaluated.
 pub(in crate::render) struct Compositing<'w> {
     /// Four rows, `[4][samples]`: optical thickness in front of each sample, distance, opacity, and transmittance
     /// behind each sample. [`Absorb`] computes the last two in place from optical thicknesses. Empty in builds without

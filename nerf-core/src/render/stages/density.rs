@@ -132,8 +132,8 @@ pub(super) fn of_rays<V: Lanes, const N: usize>(
     values
 }
 
-/// Shortens the rows of a block in place from length `from` to `to`, and keeps their first `n` values. Does nothing if
-/// `to` is not less than `from`.
+/// Shortens each of the `rows` rows of a block in place, from length `from` to `to`, and keeps its first `n` values.
+/// Does nothing if `to` is not less than `from`.
 pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
     if to < from {
         for row in 1..rows {

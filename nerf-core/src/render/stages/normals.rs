@@ -96,8 +96,8 @@ impl<'w> Gradients<'w> {
         }
     }
 
-    /// Computes the gradient of the raw density at each of the block's first `n` positions, in the field's coordinates
-    /// (not contracted). Passes index and gradient of each position to `put_gradient`.
+    /// Computes the gradient of the raw density, in the field's uncontracted space, at each of the block's first `n`
+    /// positions. Passes each position's index and gradient to `put_gradient`.
     pub fn run(
         &mut self,
         field: Field<'_>,

@@ -29,7 +29,7 @@ const LEAST_TRANSMITTANCE: f32 = 1e-3;
 pub(in crate::render) struct Proposer<'a>([Option<Network<'a>>; PROPOSAL_BUILT as usize]);
 
 impl<'a> Proposer<'a> {
-    /// Number of values that [`Proposer::unpack`] writes: parameters of the proposal network, 0 if there is no network.
+    /// Length of the buffer for [`Proposer::unpack`]: number of the proposal network's parameters, 0 without a network.
     pub fn parameters(blob: &Blob<'_>) -> usize {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }

@@ -11,9 +11,9 @@ mod tests;
 /// The contraction of a scene: maps all of space into an outer ball, and leaves an inner ball of half that radius
 /// unchanged.
 ///
-/// `centre` and `radius` are those of the inner ball. With `q = (p − centre) / radius` and `r = |q|`, a point `p` maps
-/// to `q` if `r <= 1`, else to `(2 − 1/r) q/r`, converted back to world units around the same centre. The scene box is
-/// the cube around the outer ball, so that its sides are 4 radii of the inner ball.
+/// `centre` and `radius` are the centre and radius of the inner ball. With `q = (p − centre) / radius` and `r = |q|`, a
+/// point `p` maps to `q` if `r <= 1`, else to `(2 − 1/r) q/r`, converted back to world units around the same centre.
+/// The scene box is the cube around the outer ball, so that its sides are 4 radii of the inner ball.
 ///
 /// # Source
 /// Barron et al. 2022, eq. 10.
@@ -75,7 +75,7 @@ impl Contraction {
         Vec3::from_array(self.contract_lanes(p.to_array()))
     }
 
-    /// Contracts a vector of points x, y, z of the world, as [`Contraction::contract`] does for one point.
+    /// Contracts a vector of world points, given as x, y and z, as [`Contraction::contract`] does for one point.
     #[inline(always)]
     pub fn contract_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         let one = V::splat(1.0);

@@ -12,9 +12,9 @@ mod tests;
 /// evaluated, unless the scene has a contraction, which maps all of space into the box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneBox {
-    /// Smallest corner, world units.
+    /// Corner with the smallest x, y and z, world units.
     pub min: Vec3,
-    /// Largest corner, world units.
+    /// Corner with the largest x, y and z, world units.
     pub max: Vec3,
 }
 
@@ -22,7 +22,7 @@ impl SceneBox {
     /// Makes a box from its corners.
     ///
     /// # Errors
-    /// [`BoundsError::Box`] unless every corner is finite and `min < max` on every axis.
+    /// [`BoundsError::Box`] unless corners and size are finite and `min < max` on every axis.
     pub fn new(min: Vec3, max: Vec3) -> Result<Self, BoundsError> {
         if min.is_finite() && max.is_finite() && min.cmplt(max).all() && (max - min).is_finite() {
             Ok(Self { min, max })

@@ -122,7 +122,7 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// Returns the pair that contradicts most strongly, of different groups if possible; `None` if no pair contradicts.
+    /// Returns the pair that contradicts most strongly, from two groups if possible; `None` if no pair contradicts.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());

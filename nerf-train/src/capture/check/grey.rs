@@ -15,7 +15,8 @@ const NEIGHBOURS: usize = 6;
 const BLURRED: f32 = 0.3;
 /// Side of the thumbnails that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Two thumbnails are duplicates if the mean |difference| is at most this fraction of the lower standard deviation.
+/// Two thumbnails are duplicates if their mean |difference| is at most this fraction of the lower of their standard
+/// deviations.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {

@@ -36,9 +36,9 @@ pub struct Diagnosis {
     pub contradicting: Vec<String>,
     pub compared_pairs: usize,
     pub contradicting_pairs: usize,
-    /// Two photographs whose poses cannot both be right.
+    /// Two photographs whose poses cannot both be right; `None` if no pair contradicts.
     pub worst_pair: Option<[String; 2]>,
-    /// Largest sector without photographs, degrees of azimuth.
+    /// Largest sector without photographs, degrees of azimuth; `None` if the photographs have no azimuths.
     pub unseen_sector_degrees: Option<Short>,
     pub gaps: Vec<NamedGap>,
     pub blurred: Vec<String>,

@@ -12,7 +12,7 @@ const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
 const ENOUGH_POINTS: usize = 30;
 /// A pair of photographs is used if at least this number of patches were compared.
 const ENOUGH_PATCHES: usize = 15;
-/// Approximate limit on tests whether two cameras see a point alike. To keep below it, only every N-th point is tested.
+/// Approximate maximum number of tests whether two cameras see a point alike; beyond it, only every N-th is tested.
 const MAX_QUESTIONS: usize = 400_000_000;
 /// Maximum number of points, from each photograph of a pair, around which patches are compared.
 const COMPARED_POINTS: usize = 60;
@@ -67,15 +67,15 @@ impl Compared<'_> {
         self.points.iter().filter(alike).filter(inside).copied().collect()
     }
 
-    /// Returns the projection of `point`, pixels of the working size, also outside the image; `None` if there is none.
+    /// Returns the projection of `point`, pixels of the working size, also outside the image; `None` if impossible.
     fn shows(&self, point: Vec3) -> Option<[f32; 2]> {
         let (x, y) = self.view.camera.project(point)?;
         Some([x, y].map(|v| v / self.grey.factor as f32))
     }
 
-    /// Normalised cross-correlation of the patches around `point` in this photograph and in `other`. The two patches
-    /// show the same square in space, parallel to this photograph's image plane. `None` if this photograph's patch
-    /// lacks texture, if either patch leaves its image, or if either camera does not see the point.
+    /// Returns the normalised cross-correlation of the patches around `point` in this photograph and in `other`. The
+    /// patches show the same square in space, parallel to this photograph's image plane. `None` if this photograph's
+    /// patch lacks texture, if either patch leaves its image, or if either camera does not see the point.
     fn correlation(&self, other: &Self, point: Vec3) -> Option<f32> {
         let pose = self.view.camera.pose();
         let mine = self.grey.patch(self.shows(point)?, [1.0, 0.0], [0.0, 1.0])?;

@@ -35,7 +35,7 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// Spread of `views`; `None` if there are fewer than two, or if all look in much the same direction.
+    /// Returns the spread of `views`; `None` if there are fewer than two, or if all look in much the same direction.
     pub fn of(views: &[&View]) -> Option<Self> {
         let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
         let look_at = LookAt::of(&cameras).filter(|look_at| !look_at.forward_facing())?;

@@ -19,7 +19,7 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Colour is evaluated whenever compositing weights have added up to this: larger is faster, less exact; 0: at every sample.
+    /// Sum of compositing weights between two colour evaluations: larger is faster, less exact; 0: every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space: ignore the occupancy grid.

@@ -32,7 +32,7 @@ pub struct LookAt {
 }
 
 impl LookAt {
-    /// Look-at point of `cameras`; `None` if there are fewer than two cameras, or if their axes are nearly parallel.
+    /// Finds the look-at point; `None` if there are fewer than two cameras, or if their axes are nearly parallel.
     pub fn of(cameras: &[Camera]) -> Option<Self> {
         let line = |camera: &Camera| {
             (camera.pose().position.as_dvec3(), camera.pose().forward().as_dvec3().normalize_or_zero())
@@ -40,7 +40,7 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Look-at point of `lines` (position, unit direction); `None` if they are nearly parallel or fewer than two.
+    /// Finds the look-at point of `lines` (position, unit direction); `None` for nearly parallel or fewer than two.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -121,7 +121,7 @@ pub(super) fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// Smallest eigenvalue of a symmetric matrix with eigenvalues in 0..=1.
+/// Returns the smallest eigenvalue of a symmetric matrix with eigenvalues in 0..=1.
 ///
 /// # Source
 /// Smith 1961, "Eigenvalues of a symmetric 3 × 3 matrix".
@@ -146,8 +146,8 @@ pub struct SceneBounds {
     pub scene_box: SceneBox,
 }
 
-/// Near and far distance, world units, and scene box of a data set. `None` if the data set lacks `near` or `far` and
-/// has no certain look-at point, if `near` is not less than `far`, or if the box is invalid ([`SceneBox::new`]).
+/// Returns the near and far distance, world units, and scene box of a data set. `None` if the data set lacks `near` or
+/// `far` and has no certain look-at point, if `near` is not below `far`, or if the box is invalid ([`SceneBox::new`]).
 ///
 /// `near` and `far` are the data set's own, if stated. Otherwise they follow from the distances of the cameras from
 /// their look-at point. If these distances are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set,
@@ -192,7 +192,7 @@ fn proposed_range(look_at: &LookAt, format: Format) -> (f32, f32) {
     (near, look_at.max_distance + (look_at.mean_distance - near))
 }
 
-/// Smallest axis-aligned box around the view frusta of `cameras` between the distances `near` and `far`, world units.
+/// Returns the smallest axis-aligned box around all view frusta between the distances `near` and `far`, world units.
 pub fn frusta_box(
     cameras: &[Camera],
     near: f32,
@@ -236,7 +236,7 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// Estimate of a near or far distance: quantile `in_front` of `distances`, times `share`; `None` for too few distances.
+/// Estimates a near or far distance: quantile `in_front` of `distances`, times `share`; `None` for too few distances.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

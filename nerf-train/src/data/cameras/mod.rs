@@ -20,7 +20,7 @@ pub(crate) fn scaled(camera: &Camera, (width, height): (u32, u32)) -> Result<Cam
     Camera::new(new, *camera.lens(), *camera.pose())
 }
 
-/// Principal point (pixels) and lens coefficients of a camera, by their usual names in files, such as `k1`.
+/// Returns principal point (pixels) and lens coefficients of a camera, by their usual names in files, such as `k1`.
 pub(crate) fn optics_by_name(camera: &Camera) -> BTreeMap<&'static str, f32> {
     let (&Intrinsics { cx, cy, .. }, &Lens { k1, k2, k3, k4, k5, k6, p1, p2, .. }) =
         (camera.intrinsics(), camera.lens());

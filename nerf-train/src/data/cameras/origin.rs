@@ -9,8 +9,8 @@ const FAR_AWAY: f64 = 64.0;
 /// Start of the suffix of a data set's name that states the coordinates of a moved origin.
 pub(crate) const STATED: &str = ", origin at (";
 
-/// New origin, in the file's world: a point near the middle of the cameras if the middle is too far from the file's
-/// origin, else (0, 0, 0). Coordinates are multiples of a power of ten, so that few decimals state them exactly.
+/// Chooses an origin, in the file's world: a point near the middle of the cameras if the middle is too far from the
+/// file's origin, else (0, 0, 0). Coordinates are multiples of a power of ten, so that few decimals state them exactly.
 pub(crate) fn origin(cameras: impl IntoIterator<Item = [f64; 3]>) -> DVec3 {
     let cameras: Vec<DVec3> =
         cameras.into_iter().map(DVec3::from).filter(|camera| camera.is_finite()).collect();

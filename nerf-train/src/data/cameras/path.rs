@@ -77,7 +77,7 @@ impl Place<'_> {
         DatasetError::value(self.0, field, expected, found)
     }
 
-    /// Pose of `matrix`, with its position relative to `origin`. `field`: name of the matrix in errors.
+    /// Returns the pose of `matrix`, with its position relative to `origin`. `field`: name of the matrix in errors.
     fn pose(&self, field: &str, matrix: &Matrix, origin: [f64; 3]) -> Result<Pose, DatasetError> {
         let fault = |expected: &str, found: String| self.fault(field, expected, found);
         let rows = matrix

@@ -4,7 +4,7 @@ use glam::DVec3;
 use nerf_core::camera::Pose;
 use std::f64::consts::PI;
 
-/// Pose from the upper three rows of a camera-to-world matrix, with its position relative to `origin`.
+/// Makes a pose from the upper three rows of a camera-to-world matrix, with its position relative to `origin`.
 pub(crate) fn pose_of(mut rows: [[f64; 4]; 3], origin: DVec3) -> Pose {
     rows.iter_mut().zip(origin.to_array()).for_each(|(row, origin)| row[3] -= origin);
     Pose::from_rows(rows.map(|row| row.map(|v| v as f32)))
@@ -32,7 +32,7 @@ pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     Some(if transposed { format!("{row}: the matrix looks transposed") } else { row })
 }
 
-/// Description of `angle` if it is not an angle of view between 0 and π radians, else `None`.
+/// Describes `angle`, radians, if it is not an angle of view between 0 and π, else returns `None`.
 pub(crate) fn angle_fault(angle: f64) -> Option<String> {
     if angle > 0.0 && angle < PI {
         None

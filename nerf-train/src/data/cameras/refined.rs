@@ -28,7 +28,7 @@ struct Frame {
     transform_matrix: [[f64; 4]; 4],
 }
 
-/// Path of the file with the refined poses of a `.nerf` blob: the blob's path with `.poses.json` appended.
+/// Returns the path of the file with the refined poses of a `.nerf` blob: its path with `.poses.json` appended.
 pub fn beside(blob: &Path) -> PathBuf {
     let mut name = blob.as_os_str().to_owned();
     name.push(".poses.json");
@@ -59,8 +59,8 @@ impl RefinedPoses {
         }
     }
 
-    /// Refined camera of each view, with its position relative to `origin`; `None` if the file lacks the view. Errors
-    /// name the file of refined poses beside `blob`.
+    /// Returns each view's refined camera, with its position relative to `origin`; `None` if the file lacks the view.
+    /// Errors name the file of refined poses beside `blob`.
     pub fn cameras<'v>(
         &self,
         blob: &Path,

@@ -18,7 +18,7 @@ const LEVEL: (f64, f64) = (0.15, 0.02);
 /// Minimum number of sparse points that a view must show for an estimate of the scene's depth from them.
 const ENOUGH_POINTS: usize = 8;
 
-/// Initial viewpoint, chosen from the training cameras; `None` if there is no valid one. `range`: near and far
+/// Chooses the initial viewpoint from the training cameras; `None` if there is no valid one. `range`: near and far
 /// distance, world units. If the cameras look at a common point, this point is the target, and the eye is the camera
 /// nearest to a typical position: median height over the target, median distance from the vertical axis through the
 /// target, and (unless the cameras surround it) middle of the cameras' range of azimuths. Otherwise the viewpoint has
@@ -59,8 +59,8 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     places.then_some(found)
 }
 
-/// Depth of the scene in training view `middle`, world units: median distance of the sparse points in view. If they are
-/// too few, the depth is the harmonic mean of `near` and `far`, or half of `far` if `near` is 0.
+/// Estimates the depth of the scene in training view `middle`, world units: median distance of the sparse points in
+/// view. If these are too few, the depth is the harmonic mean of `near` and `far`, or half of `far` if `near` is 0.
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
@@ -86,13 +86,13 @@ impl Place {
         Self { height: from_target.dot(up), distance: x.hypot(y), azimuth: y.atan2(x) }
     }
 
-    /// Signed angle from `azimuth` to this position, radians within ±π.
+    /// Returns the signed angle from `azimuth` to this position, radians within ±π.
     fn turn_from(&self, azimuth: f32) -> f32 {
         (self.azimuth - azimuth + 0.5 * TAU).rem_euclid(TAU) - 0.5 * TAU
     }
 }
 
-/// Start and length, radians, of the shortest arc that covers the fraction [`MOST`] of `azimuths`, if there are any.
+/// Returns start and length, radians, of the shortest arc over the fraction [`MOST`] of `azimuths`; `None` without any.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();
@@ -105,8 +105,8 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     (0..count).map(arc).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Up direction of the scene: perpendicular to the cameras' x axes, because people hold cameras level. If this is
-/// undetermined, or 60° or more from the median of the cameras' up directions, the median is returned instead.
+/// Returns the up direction of the scene, perpendicular to the cameras' x axes, because people hold cameras level. If
+/// this is undetermined, or 60° or more from the median of the cameras' up directions, the median is returned instead.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()
@@ -120,7 +120,7 @@ fn up_of(cameras: &[Camera]) -> Vec3 {
     level.filter(|level| level.dot(up) > 0.5).unwrap_or(up).as_vec3().normalize() + Vec3::ZERO
 }
 
-/// Normal of the plane in which the unit vectors `horizons` nearly lie; `None` if no plane, or more than one, fits.
+/// Returns the normal of the plane in which the unit vectors `horizons` nearly lie; `None` if no or several planes fit.
 fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let m = horizons.iter().map(|&dir| outer(dir, dir)).sum::<DMat3>() * (1.0 / horizons.len() as f64);
     let least = smallest_eigenvalue(m);
@@ -137,7 +137,7 @@ fn level(horizons: &[DVec3]) -> Option<DVec3> {
     normal.try_normalize().filter(|_| tells)
 }
 
-/// Point with the least sum of distances to `points` (Weiszfeld 1937).
+/// Returns the point with the least sum of distances to `points` (Weiszfeld 1937).
 fn geometric_median(points: &[DVec3]) -> DVec3 {
     let mean = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
     (0..50).fold(mean, |at, _| {
@@ -149,7 +149,7 @@ fn geometric_median(points: &[DVec3]) -> DVec3 {
     })
 }
 
-/// Index of the item with the smallest `distance`, the first of several equal ones.
+/// Returns the index of the first item with the smallest `distance`; `None` if there are no items.
 fn nearest<T>(items: &[T], distance: impl Fn(&T) -> f32) -> Option<usize> {
     (0..items.len()).min_by(|&a, &b| distance(&items[a]).total_cmp(&distance(&items[b])))
 }

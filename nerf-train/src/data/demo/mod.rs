@@ -42,8 +42,8 @@ impl Default for DemoSpec {
 }
 
 impl DemoSpec {
-    /// Camera that looks at the origin. `azimuth`: radians, from +X towards +Y. `z`: height of the camera divided by
-    /// the radius, limited to ±0.999.
+    /// Makes a camera that looks at the origin. `azimuth`: radians, from +X towards +Y. `z`: camera height divided
+    /// by the radius, limited to ±0.999.
     pub fn camera(&self, azimuth: f32, z: f32) -> Result<Camera, CameraError> {
         let z = z.clamp(-0.999, 0.999);
         let (sin, cos) = azimuth.sin_cos();
@@ -54,7 +54,7 @@ impl DemoSpec {
         Camera::new(intrinsics, Lens::NONE, pose)
     }
 
-    /// `count` cameras on a golden spiral, from below the plinth to nearly overhead. `phase`: first azimuth, radians.
+    /// Makes `count` cameras on a golden spiral, from below the plinth to overhead. `phase`: first azimuth, radians.
     fn spiral(&self, count: u32, phase: f32) -> Result<Vec<Camera>, CameraError> {
         const GOLDEN_ANGLE: f32 = 2.399_963;
         let at = |i: u32| {
@@ -94,8 +94,8 @@ pub struct Hit {
     pub rgb: [f32; 3],
 }
 
-/// First hit of the ray through the image point `(x, y)`, pixels; `None`: no hit. Pixel centres are at half-integers.
-/// Distances differ from the exact values by less than 1e-5 world units.
+/// Finds the first hit of the ray through the image point `(x, y)`, pixels (centres at half-integers); `None` without
+/// a hit. Distances differ from the exact values by less than 1e-5 world units.
 pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
     let ray = camera.ray(x, y);
     let (origin, dir) = (ray.origin.as_dvec3(), ray.dir.as_dvec3().normalize());
@@ -143,7 +143,7 @@ fn per_pixel<T: Send>(camera: &Camera, f: impl Fn(f32, f32) -> T + Sync) -> Vec<
     (0..height).into_par_iter().flat_map_iter(row).collect()
 }
 
-/// Straight-alpha sRGB of the pixel whose top left corner is the image point `(x, y)`, pixels.
+/// Renders the pixel whose top left corner is the image point `(x, y)`, pixels, as straight-alpha sRGB.
 fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
     let (mut sum, mut hits) = (Vec3::ZERO, 0u32);
     for index in 0..SIDE * SIDE {
@@ -158,7 +158,7 @@ fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
     [r, g, b, byte(hits as f32 / (SIDE * SIDE) as f32)]
 }
 
-/// Distance from `point` to the nearest surface, world units, negative inside: a reference for fitted fields.
+/// Returns the distance from `point` to the nearest surface, world units, negative inside: a reference for fields.
 pub fn signed_distance(point: Vec3) -> f32 {
     let point: DVec3 = point.as_dvec3();
     shapes::SCENE.iter().map(|shape| shape.distance(point)).fold(f64::INFINITY, f64::min) as f32

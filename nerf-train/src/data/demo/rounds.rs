@@ -28,8 +28,8 @@ struct Shot {
 }
 
 impl Shot {
-    /// Pixel at which this photograph shows a sparse point. `turn`: [`Shot::turn`] of the photograph that gave the
-    /// point. `None` if this photograph has another `turn`, or if the point is hidden or outside of the picture.
+    /// Returns the pixel at which this photograph shows a sparse point. `turn`: [`Shot::turn`] of the photograph that
+    /// gave the point. `None` if this photograph has another `turn`, or if the point is hidden or outside the picture.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;
@@ -38,7 +38,7 @@ impl Shot {
         (nearest && turn == self.turn).then_some((x, y))
     }
 
-    /// Scene points at every [`POINT_EVERY`]-th column and row of this photograph, in the data set's coordinates.
+    /// Returns the points seen at every [`POINT_EVERY`]-th column and row of this photograph, in the data set's world.
     fn points(&self) -> Vec<Vec3> {
         let lattice = || (POINT_EVERY..SIZE as usize).step_by(POINT_EVERY).map(|v| v as f32);
         let at = |(x, y)| trace(&self.taken, x, y).map(|hit| self.pose.ray(x, y).at(hit.ray_distance));
@@ -46,7 +46,7 @@ impl Shot {
     }
 }
 
-/// Data set of photographs along one arc of 81°, taken in two rounds that alternate along the arc. If `folded`, the
+/// Renders a data set of photographs along an arc of 81°, in two rounds that alternate along the arc. If `folded`, the
 /// second round is taken a quarter turn further around the scene, but its poses stay on the arc of the first round, as
 /// in a reconstruction misled by repeated structure.
 pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {

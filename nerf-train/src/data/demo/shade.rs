@@ -9,7 +9,7 @@ const LIGHT_COLOUR: Vec3 = Vec3::new(1.08, 1.0, 0.88);
 const SKY: Vec3 = Vec3::new(0.42, 0.47, 0.56);
 const BOUNCE: Vec3 = Vec3::new(0.30, 0.25, 0.20);
 
-/// Reflectance of a surface. `albedo`: linear. `mirror`: strength of reflections. `exponent`: that of the highlight.
+/// Reflectance of a surface: linear `albedo`, strengths of highlight and mirror image, exponent of the highlight.
 struct Surface {
     albedo: Vec3,
     highlight: f32,
@@ -17,7 +17,7 @@ struct Surface {
     exponent: f32,
 }
 
-/// Display-encoded sRGB in [0, 1] of `point` on `shape`. `dir`: unit direction from the camera to the point.
+/// Returns the display-encoded sRGB, 0 to 1, of `point` on `shape`. `dir`: unit direction from the camera to `point`.
 pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> [f32; 3] {
     let light_dir = LIGHT.normalize();
     let surface = surface(shape.look, (point - shape.centre).as_vec3(), point.as_vec3(), normal.as_vec3());
@@ -38,7 +38,7 @@ pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> 
     linear.to_array().map(|v| encode(v.clamp(0.0, 1.0)))
 }
 
-/// Linear colour of the surroundings that a polished surface mirrors in direction `dir`: pale sky, dark ground, window.
+/// Returns the linear colour of the surroundings that a polished surface mirrors: sky, ground and window. `dir`: unit.
 fn sky_seen(dir: Vec3) -> Vec3 {
     let up = smooth(-0.15, 0.5, dir.z);
     let ground = Vec3::new(0.16, 0.14, 0.13);
@@ -46,8 +46,8 @@ fn sky_seen(dir: Vec3) -> Vec3 {
     ground.lerp(Vec3::new(0.75, 0.85, 1.0), up) + Vec3::splat(1.6 * window)
 }
 
-/// Reflectance, at one point, of a surface with the appearance `look`. `p`: the point relative to the shape's centre.
-/// `world`: the point in world coordinates. `n`: normal.
+/// Returns the reflectance, at one point, of a surface with the appearance `look`. `p`: the point relative to the
+/// shape's centre. `world`: the point in world coordinates. `n`: normal.
 fn surface(look: Look, p: Vec3, world: Vec3, n: Vec3) -> Surface {
     let plain = |albedo| Surface { albedo, highlight: 0.08, mirror: 0.2, exponent: 24.0 };
     let glossy = |albedo| Surface { albedo, highlight: 0.9, mirror: 1.0, exponent: 120.0 };
@@ -95,7 +95,7 @@ fn surface(look: Look, p: Vec3, world: Vec3, n: Vec3) -> Surface {
     }
 }
 
-/// Linear colour of an sRGB triple.
+/// Converts an sRGB triple to linear colour, 0 to 1.
 fn rgb(r: u8, g: u8, b: u8) -> Vec3 {
     Vec3::from_array([r, g, b].map(|v| {
         let v = f32::from(v) / 255.0;
@@ -112,12 +112,12 @@ fn smooth(low: f32, high: f32, v: f32) -> f32 {
     s * s * (3.0 - 2.0 * s)
 }
 
-/// Three octaves of value noise, 0..=1.
+/// Sums three octaves of value noise at `p`, to 0..=1.
 fn fbm(p: Vec3) -> f32 {
     (4.0 * noise(p) + 2.0 * noise(p * 2.03 + 17.0) + noise(p * 4.01 + 31.0)) / 7.0
 }
 
-/// Value noise: fixed values in 0..=1 at the integer points, interpolated smoothly.
+/// Returns value noise at `p`: fixed values in 0..=1 at the integer points, interpolated smoothly.
 fn noise(p: Vec3) -> f32 {
     let cell = p.floor();
     let f = p - cell;
@@ -129,7 +129,7 @@ fn noise(p: Vec3) -> f32 {
     mix(mix(edge(0, 0), edge(1, 0), f.y), mix(edge(0, 1), edge(1, 1), f.y), f.z)
 }
 
-/// Pseudo-random value in 0..=1 for an integer point.
+/// Returns a pseudo-random value in 0..=1 for an integer point.
 fn hash(x: i32, y: i32, z: i32) -> f32 {
     let mut h = (x as u32).wrapping_mul(0x9E37_79B1)
         ^ (y as u32).wrapping_mul(0x85EB_CA77)

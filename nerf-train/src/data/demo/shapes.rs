@@ -105,7 +105,7 @@ pub(super) struct Found {
 }
 
 impl Shape {
-    /// Exact signed distance from the shape's surface, negative inside.
+    /// Returns the exact signed distance of `point` from the shape's surface, world units, negative inside.
     pub(super) fn distance(&self, point: DVec3) -> f64 {
         let p = point - self.centre;
         match self.form {
@@ -123,7 +123,7 @@ impl Shape {
         }
     }
 
-    /// Distances at which the ray enters and leaves the sphere around `centre` with radius `reach + margin`, if any.
+    /// Returns where a ray enters and leaves the sphere of radius `reach + margin` around `centre`; `None` for a miss.
     pub(super) fn bounds(&self, origin: DVec3, dir: DVec3, margin: f64) -> Option<(f64, f64)> {
         let to = self.centre - origin;
         let middle = to.dot(dir);
@@ -133,7 +133,7 @@ impl Shape {
         (middle + half > 0.0).then_some(((middle - half).max(0.0), middle + half))
     }
 
-    /// Distance at which a ray from outside first hits the surface; `None` if there is no hit before `limit`.
+    /// Returns the distance at which a ray from outside first hits the surface; `None` without a hit before `limit`.
     fn hit(&self, origin: DVec3, dir: DVec3, limit: f64) -> Option<f64> {
         const STEPS: usize = 400;
         const CLOSE: f64 = 1e-8;
@@ -179,7 +179,7 @@ impl Shape {
     }
 }
 
-/// First hit, if any, of the ray with any shape; `dir` has unit length and `origin` is outside of all shapes.
+/// Finds the first hit, if any, of the ray with any shape; `dir` has unit length, and `origin` is outside all shapes.
 pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     let mut nearest: Option<(f64, &Shape)> = None;
     for shape in &SCENE {
@@ -191,7 +191,7 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     nearest.map(|(t, shape)| Found { t, shape, normal: shape.normal(origin + dir * t) })
 }
 
-/// Visible fraction, 0..=1, of a small round light in direction `dir`, as seen from `point`.
+/// Returns the visible fraction, 0..=1, of a small round light in the unit direction `dir`, as seen from `point`.
 ///
 /// # Source
 /// Quilez, "Soft shadows in raymarched SDFs": the least ratio of shape distance to ray distance gives the penumbra.
@@ -223,7 +223,7 @@ pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     light * light * (3.0 - 2.0 * light)
 }
 
-/// Ambient occlusion: factor from 0.25 (enclosed) to 1 (open) on light from the hemisphere around `normal`.
+/// Returns the ambient occlusion: factor 0.25 (enclosed) to 1 (open) on light from the hemisphere around `normal`.
 pub(super) fn openness(point: DVec3, normal: DVec3) -> f64 {
     const PROBES: u32 = 4;
     let (mut closed, mut total) = (0.0, 0.0);

@@ -22,7 +22,7 @@ pub(crate) struct Bare {
 }
 
 impl Bare {
-    /// Photographs in `folder`, or in its subfolder `images` if there is one; `None` if there are none.
+    /// Lists the photographs in `folder`, or in its subfolder `images` if there is one; `None` without photographs.
     pub(crate) fn of(folder: &Path) -> Result<Option<Self>, DatasetError> {
         let images = folder.join(IMAGES);
         let folder = if images.is_dir() { images } else { folder.to_owned() };

@@ -18,7 +18,7 @@ pub enum Layout {
 impl Layout {
     const ALL: [Self; 3] = [Self::Transforms, Self::Colmap, Self::Llff];
 
-    /// Files by which a folder of this layout is recognised, for error messages.
+    /// Returns the files by which a folder of this layout is recognised, as text for errors.
     fn expected(self) -> String {
         match self {
             Self::Transforms => format!("{} or {}", blender::TRAIN, nerfstudio::FILE),

@@ -67,7 +67,7 @@ fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
     rows.map(|row| row[3])
 }
 
-/// Views from an array of pictures `[n, h, w, 3 or 4]` and one pose for each.
+/// Makes views from an array of pictures `[n, h, w, 3 or 4]` and one pose for each. `focal`: pixels.
 fn views(
     archive: &Archive,
     (images, array): (&str, &Array),
@@ -102,7 +102,7 @@ fn views(
     decoded.into_iter().collect()
 }
 
-/// Number of pictures in `array`, their width and height in pixels, and their number of channels.
+/// Returns the number of pictures in `array`, their width and height in pixels, and their number of channels.
 fn picture_shape(
     archive: &Archive,
     key: &str,
@@ -133,7 +133,7 @@ fn cameras(
     c2ws.iter().enumerate().map(make).collect()
 }
 
-/// One warning for each array of pictures without alpha, if another array has alpha; otherwise empty.
+/// Returns one warning for each array of pictures without alpha, if another array has alpha; otherwise none.
 fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
     let alpha = |views: &[View]| views.iter().any(View::has_alpha);
     let read = || splits.iter().filter(|(_, views)| !views.is_empty());

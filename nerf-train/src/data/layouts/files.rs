@@ -36,8 +36,8 @@ pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     files(path).iter().fold(claims, |claims, file| claims.reads("a file of the data set,", file))
 }
 
-/// Existing files of the data set at `path`: lists of views, files named in these lists, and a folder's photographs. A
-/// damaged list is treated as empty; reading the data set reports the damage.
+/// Finds the existing files of the data set at `path`: lists of views, files named in these lists, and a folder's
+/// photographs. A damaged list is treated as empty; reading the data set reports the damage.
 pub fn files(path: &Path) -> Vec<PathBuf> {
     let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
     let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
@@ -53,7 +53,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     lists.into_iter().chain(named).chain(whole).collect()
 }
 
-/// COLMAP and LLFF files in `folder`, and files of photographs and masks; empty if there is no COLMAP or LLFF file.
+/// Finds COLMAP and LLFF files in `folder`, photographs and masks; none if there is no COLMAP or LLFF file.
 fn photographs(folder: &Path) -> Vec<PathBuf> {
     let poses = folder.join(llff::FILE);
     let mut files = colmap::files(folder);

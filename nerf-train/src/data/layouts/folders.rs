@@ -25,7 +25,7 @@ pub(crate) struct Folders {
 }
 
 impl Folders {
-    /// Folders `images` and `images_N` in `root`, or `root` itself if there are none.
+    /// Finds the folders `images` and `images_N` in `root`; takes `root` itself if there are none.
     pub(crate) fn of(root: &Path) -> Result<Self, DatasetError> {
         let mut by_factor = BTreeMap::new();
         for path in entries(root)?.into_iter().filter(|path| path.is_dir()) {
@@ -45,9 +45,9 @@ impl Folders {
         Ok(Self { root: root.to_owned(), by_factor })
     }
 
-    /// Folders to search, best first: path, [`Located::downscale`], and whether the folder holds reduced copies. Copies
-    /// reduced by the factor of `downscale` come first, then larger copies, from small to large. Smaller copies come
-    /// last for [`Downscale::Auto`], and are otherwise left out. `size`: stated picture size, pixels.
+    /// Returns the folders to search, best first: path, [`Located::downscale`], and whether the folder holds reduced
+    /// copies. Copies reduced by the factor of `downscale` come first, then larger copies, from small to large. Smaller
+    /// copies come last for [`Downscale::Auto`], else are left out. `size`: stated width and height, pixels.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -74,7 +74,7 @@ impl Folders {
         })
     }
 
-    /// Pictures in the first of the [candidate folders](Self::candidates), sorted by the bytes of their names. An error
+    /// Lists the pictures in the first [candidate folder](Self::candidates), sorted by the bytes of their names. Fails
     /// if there is no candidate. `size`: picture size that the data set states, pixels.
     pub(crate) fn list(
         &self,
@@ -102,7 +102,7 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// Path of the mask of photograph `name`; `None` if there is none. For `a.jpg`, the files `a.jpg.png`, `a.png` and
+    /// Finds the mask of photograph `name`; `None` if there is none. For `a.jpg`, the files `a.jpg.png`, `a.png` and
     /// `a.jpg` in the folder `masks` are tried in this order.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
@@ -112,7 +112,7 @@ impl Folders {
     }
 }
 
-/// Path of the copy of `file_path` that is `factor` times smaller, if any: `images_4/a.jpg` for `images/a.jpg` and 4.
+/// Finds the copy of `file_path` that is `factor` times smaller, if any: `images_4/a.jpg` for `images/a.jpg` and 4.
 pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<PathBuf> {
     let path = file_path.replace('\\', "/");
     let (folder, rest) = path.trim_start_matches("./").split_once('/')?;
@@ -120,7 +120,7 @@ pub(crate) fn smaller_copy(root: &Path, file_path: &str, factor: u32) -> Option<
     if copy.is_file() { Some(copy) } else { with_other_ending(&copy) }
 }
 
-/// Existing picture that differs from `path` only in its extension: copies of JPEG photographs are often PNG.
+/// Finds a picture that differs from `path` only in its extension: copies of JPEG photographs are often PNG.
 fn with_other_ending(path: &Path) -> Option<PathBuf> {
     let endings = ["png", "jpg", "jpeg", "JPG", "PNG"];
     endings.into_iter().map(|ending| path.with_extension(ending)).find(|path| path.is_file())

@@ -101,7 +101,7 @@ pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Resul
     .counted_from(origin))
 }
 
-/// Sparse points of a COLMAP reconstruction in `folder`, relative to `origin`; empty if there is no reconstruction.
+/// Reads the sparse points of a COLMAP reconstruction in `folder`, relative to `origin`; empty if there is none.
 fn points(folder: &Path, origin: DVec3, found: &mut Found) -> Result<Vec<SparsePoint>, DatasetError> {
     for place in [folder.join("sparse/0"), folder.join("sparse"), folder.to_owned()] {
         let points = colmap::points_of(&place, origin, found)?;

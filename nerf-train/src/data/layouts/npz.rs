@@ -49,7 +49,7 @@ impl Archive {
         Ok(Self { file: file.into(), zip, max_array_bytes: max_array_bytes.unwrap_or(MAX_ARRAY) })
     }
 
-    /// Names of the arrays in the order of the archive; a name that occurs twice is listed twice.
+    /// Returns the names of the arrays in the order of the archive; a name that occurs twice is listed twice.
     pub(crate) fn names(&mut self) -> Result<Vec<String>, DatasetError> {
         let mut names = Vec::new();
         for index in 0..self.zip.len() {
@@ -77,7 +77,7 @@ impl Archive {
         read_array(&mut entry, &file, key, limit)
     }
 
-    /// Value of the array `key`, which must have exactly one element.
+    /// Reads the array `key`, which must have exactly one element.
     pub(crate) fn scalar(&mut self, key: &str) -> Result<f64, DatasetError> {
         let array = self.array(key)?;
         match array.data.len() / array.dtype.size {
@@ -86,7 +86,7 @@ impl Archive {
         }
     }
 
-    /// The array `key` as row-major camera-to-world matrices. The array's shape must be `[n, 3, 4]` or `[n, 4, 4]`; a
+    /// Reads the array `key` as row-major camera-to-world matrices. Its shape must be `[n, 3, 4]` or `[n, 4, 4]`; a
     /// fourth row must be 0 0 0 1, and is dropped.
     pub(crate) fn matrices(&mut self, key: &str) -> Result<Vec<[[f64; 4]; 3]>, DatasetError> {
         let array = self.array(key)?;
@@ -161,8 +161,8 @@ fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Res
 }
 
 impl Array {
-    /// `count` elements from index `start` on, as display values 0..=255: u8 unchanged, floats in [0, 1] scaled and
-    /// rounded. `Some(Err(value))` if a float is outside [0, 1] by more than 0.01; `None` for another dtype.
+    /// Returns `count` elements from index `start` on as bytes of display values: u8 unchanged, floats scaled by 255
+    /// and rounded. `Some(Err(value))` if a float is outside [0, 1] by more than 0.01; `None` for another dtype.
     pub(crate) fn display_bytes(&self, start: usize, count: usize) -> Option<Result<Vec<u8>, f64>> {
         let size = self.dtype.size;
         let bytes = &self.data[start * size..(start + count) * size];
@@ -185,7 +185,7 @@ impl Array {
         self.dtype.kind == b'f'
     }
 
-    /// Elements in C order, booleans as 0 and 1; `None` if the dtype is not a number.
+    /// Returns the elements in C order, booleans as 0 and 1; `None` if the dtype is not a number.
     pub(crate) fn numbers(&self) -> Option<Vec<f64>> {
         self.data.chunks_exact(self.dtype.size).map(|chunk| self.dtype.value(chunk)).collect()
     }
@@ -216,7 +216,7 @@ impl Dtype {
         format!("{}{}", self.kind as char, self.size)
     }
 
-    /// Value of the element `chunk`; integers beyond 2^53 are rounded. `None` for dtypes that [`Dtype::parse`] rejects.
+    /// Returns the number in the bytes `chunk`; integers beyond 2^53 are rounded. `None` if the dtype is not a number.
     fn value(self, chunk: &[u8]) -> Option<f64> {
         let mut bytes = [0u8; 8];
         bytes[..self.size].copy_from_slice(chunk);

@@ -51,8 +51,8 @@ pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     decode_of(file, |_| true)
 }
 
-/// Does the same as [`decode`], if the width and height in the picture's header satisfy `wanted`. Any other picture is
-/// refused without decoding.
+/// Does the same as [`decode`], if the width and height in the picture's header, pixels, satisfy `wanted`. Any other
+/// picture is an error, without decoding.
 pub fn decode_of(
     file: &Path,
     wanted: impl Fn((u32, u32)) -> bool,
@@ -88,7 +88,7 @@ pub fn decode_of(
     Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
 }
 
-/// Width and height of a picture as it is stored, from its header, pixels.
+/// Reads width and height of a picture as it is stored, pixels, from its header.
 pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
     let unread = |source| DecodeError::Read { file: file.into(), source };
     let mut head = Vec::new();

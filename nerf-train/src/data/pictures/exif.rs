@@ -14,7 +14,7 @@ const EXIF_FOLDER: u16 = 0x8769;
 /// Number of the EXIF directory's tag with the focal length, millimetres.
 const FOCAL_LENGTH: u16 = 0x920a;
 
-/// Maker, model and focal length (it tells a phone's lenses apart) of the camera that took `file`; empty without tags.
+/// Returns maker, model and focal length (which tells a phone's lenses apart) as one text; empty without EXIF tags.
 pub(crate) fn device(file: &Path) -> String {
     let tags = || {
         let reader = reader(BufReader::new(File::open(file).ok()?)).with_guessed_format().ok()?;
@@ -53,12 +53,12 @@ impl Tiff<'_> {
         self.array(at).map(u16::from_le_bytes)
     }
 
-    /// Number at byte offset `at`; `None` if the number is 2^30 or more, so that sums of offsets do not overflow.
+    /// Reads the number at byte offset `at`; `None` if it is 2^30 or more, so that sums of offsets do not overflow.
     fn u32(&self, at: u32) -> Option<u32> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }
 
-    /// Byte offset of the entry of `tag` in the directory at byte offset `folder`; `None` if there is no entry.
+    /// Finds the entry of `tag` in the directory at byte offset `folder`: its byte offset; `None` if there is no entry.
     fn tag(&self, folder: u32, tag: u16) -> Option<u32> {
         let entries = 0..u32::from(self.u16(folder)?);
         entries.map(|i| folder + 2 + 12 * i).find(|&entry| self.u16(entry) == Some(tag))

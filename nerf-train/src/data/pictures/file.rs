@@ -106,7 +106,7 @@ impl Decoded {
     }
 }
 
-/// Path of the picture `file_path`, which may lack its extension, in `folder`; `None` if there is none.
+/// Finds the picture `file_path`, which may lack its extension, in `folder`; `None` if there is none.
 pub(crate) fn locate(folder: &Path, file_path: &str) -> Option<PathBuf> {
     let written = folder.join(file_path.replace('\\', "/"));
     if written.is_file() {
@@ -143,7 +143,7 @@ impl Listings {
     }
 }
 
-/// Lower-case names of a folder's files, with and without extension; `None` if unreadable, empty if there is no folder.
+/// Lists a folder's file names in lower case, with and without extension; `None` if unreadable, empty if missing.
 fn names_in(folder: &Path) -> Option<HashSet<String>> {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = match std::fs::read_dir(folder) {

@@ -22,7 +22,7 @@ pub(crate) struct Optics {
 }
 
 impl Optics {
-    /// Intrinsics of the same camera for a picture of `width` by `height` pixels.
+    /// Returns the intrinsics of the same camera for a picture of `width` by `height` pixels.
     fn at(&self, width: u32, height: u32) -> Intrinsics {
         let (sx, sy) = (f64::from(width) / self.width, f64::from(height) / self.height);
         Intrinsics {
@@ -36,7 +36,7 @@ impl Optics {
     }
 }
 
-/// An existing photograph, with its properties that are known before it is decoded.
+/// Photograph to load: its file, and what the data set states about it.
 pub(crate) struct Photo<'a> {
     /// Path of the picture's file as the data set writes it.
     pub(crate) name: &'a str,
@@ -69,7 +69,7 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics`: function of the picture size stated or, if none, decoded.
+    /// Decodes a photograph and makes its camera. `optics`: maps the stated or, if none, decoded size to intrinsics.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,
@@ -162,7 +162,7 @@ pub(crate) struct Fence {
 }
 
 impl Fence {
-    /// Restriction to `folder`, or none if `options` allow pictures outside of it.
+    /// Restricts pictures to `folder`, unless `options` allow pictures outside of it.
     pub(crate) fn around(folder: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
         let resolve = || std::fs::canonicalize(folder).map_err(|source| DatasetError::io(folder, source));
         Ok(Self { bounds: if options.outside_files { None } else { Some(resolve()?) } })

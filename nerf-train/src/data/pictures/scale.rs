@@ -19,7 +19,7 @@ pub enum Downscale {
 }
 
 impl Downscale {
-    /// Factor by which pictures of `width` by `height` pixels are reduced.
+    /// Returns the factor by which pictures of `width` by `height` pixels are reduced.
     pub(crate) fn factor(self, (width, height): (f64, f64)) -> u32 {
         if let Self::By(factor) = self {
             return factor.max(1);
@@ -43,8 +43,8 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// Source pixels that target pixel `index` of `count` overlaps along a side of `length` source pixels: index of the
-/// first one, and the overlapped fraction of each.
+/// Returns which source pixels the target pixel `index` of `count` overlaps along a side of `length` source pixels:
+/// the index of the first one, and the overlapped fraction of each.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;
@@ -53,20 +53,20 @@ fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     (first, (first..last).map(part).collect())
 }
 
-/// Start and end, in source pixels, of target pixel `index` of `count` along a side of `length` source pixels.
+/// Returns start and end, in source pixels, of target pixel `index` of `count` along a side of `length` source pixels.
 fn span(index: u32, count: u32, length: u32) -> (f64, f64) {
     let at = |i: u32| f64::from(i) * f64::from(length) / f64::from(count);
     (at(index), at(index + 1))
 }
 
-/// Range of the source pixels that target pixel `index` of `count` overlaps by more than rounding errors.
+/// Returns the source pixels that target pixel `index` of `count` overlaps by more than rounding errors.
 fn touched(index: u32, count: u32, length: u32) -> Range<usize> {
     let (from, to) = span(index, count, length);
     (from + 1e-6).floor() as usize..((to - 1e-6).ceil() as usize).min(length as usize)
 }
 
-/// Converts to straight 8-bit sRGB and alpha, and reduces to `width` by `height` if the picture is larger. Each pixel
-/// is the mean over its area, weighted by alpha, in display space, as in the usual data sets.
+/// Converts `image` to straight 8-bit sRGB and alpha, and reduces it to `width` by `height` pixels if it is larger. A
+/// new pixel is the mean over its area, weighted by alpha, in display space, as in the usual data sets.
 pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     let (from_width, from_height) = (image.width(), image.height());
     let (width, height) = (width.min(from_width), height.min(from_height));
@@ -120,7 +120,7 @@ fn pixel_of([r, g, b, weight]: [f32; 4], area: f32) -> [u8; 4] {
     [r, g, b, (255.0 * weight / area).round() as u8]
 }
 
-/// Scales a mask: a pixel is kept if all source pixels that it overlaps are kept.
+/// Scales a mask from the size `from` to `to`, pixels: a pixel is kept if all source pixels it overlaps are kept.
 pub(crate) fn shrunk_mask(kept: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool> {
     let columns: Vec<_> = (0..to.0).map(|x| touched(x, to.0, from.0)).collect();
     let mut out = Vec::with_capacity(to.0 as usize * to.1 as usize);

@@ -19,13 +19,13 @@ const QUALITY: u8 = 85;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Thumbnail(pub Picture);
 
-/// Longest side of a thumbnail, 16 to 400 pixels. If possible, `count` thumbnails stay within the pixel budget.
+/// Returns a thumbnail's longest side, 16 to 400 pixels. If possible, `count` of them stay within the pixel budget.
 pub fn side_for(count: usize) -> usize {
     ((PIXEL_BUDGET / count.max(1)) as f64).sqrt().floor().clamp(SMALLEST as f64, LARGEST as f64) as usize
 }
 
 impl Thumbnail {
-    /// The picture of `view` composited over `background`, box-filtered to at most `side` pixels; never enlarged.
+    /// Composites the picture of `view` over `background`, and box-filters it to at most `side` pixels; never enlarges.
     pub fn of(view: &View, side: usize, background: [f32; 3]) -> Self {
         let (width, height) = view.size();
         let (width, height) = (width as usize, height as usize);

@@ -28,8 +28,8 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Fault of `model`, if any. `photographs`: number of photographs given to COLMAP. `folded`: groups of photographs
-    /// if the reconstruction is folded.
+    /// Finds the fault of `model`, if any. `photographs`: number of photographs given to COLMAP. `folded`: groups of
+    /// photographs if the reconstruction is folded.
     pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
         if let Some(groups) = folded {
             return Some(Self::Folded { groups });

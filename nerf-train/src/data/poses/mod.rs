@@ -143,7 +143,7 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads the largest reconstruction of `way`; moves the photographs next to it for this. `None` if reading fails.
+/// Reads the largest reconstruction of `way`, next to which the photographs are moved meanwhile; `None` if unreadable.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");

@@ -24,7 +24,7 @@ pub(super) struct Runner<'a> {
     pub(super) photographs: usize,
 }
 
-/// Command `colmap` without a window and with empty standard input.
+/// Makes the command `colmap`, which opens no window and reads an empty standard input.
 fn colmap() -> Command {
     let mut command = Command::new("colmap");
     command.env("QT_QPA_PLATFORM", "offscreen");
@@ -81,7 +81,7 @@ impl Runner<'_> {
         Err(failure(&stage, status, self.photographs, &help, [out.text(), err.text()]))
     }
 
-    /// Help text of the installed COLMAP on the options of the command `stage`.
+    /// Returns the installed COLMAP's help text on the options of the command `stage`.
     pub(super) fn help(&self, stage: &Stage) -> anyhow::Result<String> {
         let (helper, out, err) = start(colmap().arg(stage.name).arg("--help"))?;
         let patience = HELP_PATIENCE.min(self.request.patience);
@@ -100,7 +100,7 @@ pub(super) fn none_registered(photographs: usize, said: &str) -> anyhow::Error {
     )
 }
 
-/// Last complete line of the output `said` that is not blank; empty if there is none.
+/// Returns the last complete line of the output `said` that is not blank; empty if there is none.
 fn last_line(said: &[u8]) -> String {
     let text = String::from_utf8_lossy(said);
     let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);

@@ -51,7 +51,7 @@ pub struct Outcome {
     pub pixels_per_second: f64,
 }
 
-/// Time of the evaluations on the whole picture, in a run with a limit in seconds.
+/// Times of the evaluations on the whole picture, seconds: of one evaluation, and of all together.
 #[derive(Clone, Copy, Debug, Default)]
 struct EvaluationTime {
     /// Seconds of one evaluation; `None` until measured.
@@ -70,13 +70,13 @@ impl EvaluationTime {
         self.one.is_some_and(|one| self.all + one <= VALIDATION_SHARE * now)
     }
 
-    /// Seconds to reserve for the evaluation after the last step, and for writing files.
+    /// Returns the seconds to reserve for the evaluation after the last step, and for writing files.
     fn reserve(&self, budget: &Budget) -> f64 {
         budget.seconds.map_or(0.0, |seconds| (1.2 * self.one.unwrap_or(0.0) + 0.5).min(0.5 * seconds))
     }
 }
 
-/// Message for the user if a signal ended the run after `steps` steps. `output`: path of the file with the field.
+/// Returns the message for a run that a signal ended after `steps` steps. `output`: path of the file with the field.
 pub fn kept(steps: u32, output: &Path, checkpoint: Option<&Path>) -> String {
     format!(
         "interrupted: {} holds the field after step {steps}; its PSNR over the whole picture was not measured{}",
@@ -148,7 +148,7 @@ struct Session<'a, 'p> {
 }
 
 impl Session<'_, '_> {
-    /// Used fraction of the budget after `step` steps and `seconds`, with time reserved for the end.
+    /// Returns the used fraction of the budget after `step` steps and `seconds`, with time reserved for the end.
     fn share_at(&self, step: u32, seconds: f64) -> f64 {
         self.budget.share(step, seconds, self.time.reserve(&self.options.budget))
     }
@@ -162,7 +162,7 @@ impl Session<'_, '_> {
         Ok((picture, psnr_db))
     }
 
-    /// Expected seconds of rendering the whole picture, from a timed rendering at an eighth of its width and height.
+    /// Estimates the seconds of rendering the whole picture: times a rendering at an eighth of its width and height.
     fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();
@@ -174,7 +174,7 @@ impl Session<'_, '_> {
         Ok(begun.elapsed().as_secs_f64() * pixels(size) / pixels(small))
     }
 
-    /// Number of training pixels per second since this command's first step began.
+    /// Returns the number of training pixels per second since this command's first step began.
     fn pixels_per_second(&self) -> f64 {
         let (steps, seconds) = self.started;
         let pixels = f64::from(self.steps() - steps) * self.trainer.config.pixels as f64;
@@ -330,7 +330,7 @@ pub struct Summary<'p> {
 }
 
 impl<'p> Summary<'p> {
-    /// Summary of a fit to `photo`, whose blob was written to `output`.
+    /// Returns the summary of a fit to `photo`, whose blob was written to `output`.
     pub fn of(
         outcome: &Outcome,
         photo: &'p Photo,

@@ -13,7 +13,7 @@ pub struct Choices {
     pub rows: Vec<(Settings, Price)>,
 }
 
-/// At most `most` combinations of two or more knobs, predicted to lie on the Pareto front, most expensive first.
+/// Returns up to `most` combinations of two or more knobs, predicted to lie on the Pareto front, most expensive first.
 ///
 /// The prediction adds losses of PSNR and multiplies costs, which is a rough rule. `limit_db`: largest predicted loss
 /// against the base. Cost is multiply-adds, not time, so that the choice is the same on every machine.
@@ -41,7 +41,7 @@ pub fn combinations(base: Settings, choices: &[Choices], limit_db: f64, most: us
     front.into_iter().map(|i| all[i].0).filter(|settings| turned(&base, choices, settings) > 1).collect()
 }
 
-/// Number of knobs among `choices` whose value in `settings` differs from the value in `base`.
+/// Returns the number of knobs among `choices` whose value in `settings` differs from the value in `base`.
 fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
     let differs = |choices: &&Choices| {
         let mut copy = *base;

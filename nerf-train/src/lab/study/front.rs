@@ -1,6 +1,6 @@
 //! Pareto fronts: points that no other point beats in cost and loss of PSNR together.
 
-/// Loss of PSNR and cost of a point: of rendering with one choice of settings.
+/// Loss of PSNR and cost of rendering at one point, which is one choice of settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Price {
     /// PSNR lost, dB; negative for a gain. Relative to the exact rendering, or in `combine` to the base settings.
@@ -15,7 +15,7 @@ impl Price {
     }
 }
 
-/// Indices of the points on the Pareto front, most expensive first: cost strictly falls and loss rises along the list.
+/// Returns the indices of the points on the Pareto front. Along the list, cost strictly falls and loss strictly rises.
 ///
 /// One point beats another if neither its cost nor its loss is larger, and at least one of the two is smaller. Of equal
 /// points the first is kept. Points whose loss or cost is not finite, or whose cost is 0, are left out.
@@ -39,10 +39,10 @@ pub fn pareto(points: &[Price]) -> Vec<usize> {
     order
 }
 
-/// Reduces the Pareto front `front` to at most `most` points. The first (most expensive) and the last point are kept.
+/// Returns at most `most` indices of the Pareto front `front`, which is sorted by falling cost; its two ends are kept.
 ///
 /// Repeatedly removes the inner point with the smallest product of two factors: (loss of the next cheaper point − own
-/// loss) and ln(cost of the next dearer point / own cost).
+/// loss) and ln(cost of the next more expensive point / own cost).
 pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     let mut front = front.to_vec();
     while front.len() > most.max(2) {
@@ -60,7 +60,7 @@ pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     front
 }
 
-/// Index of the cheapest point whose loss is at most `loss_db`; `None` if there is none.
+/// Returns the index of the cheapest point whose loss is at most `loss_db`; `None` if there is none.
 pub fn cheapest_within(points: &[Price], loss_db: f64) -> Option<usize> {
     let within = |&i: &usize| points[i].is_usable() && points[i].loss_db <= loss_db;
     (0..points.len()).filter(within).min_by(|&a, &b| points[a].cost.total_cmp(&points[b].cost))

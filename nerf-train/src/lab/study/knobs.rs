@@ -15,13 +15,13 @@ pub struct Knob {
     /// Copies this setting from the first argument to the second.
     pub copy: fn(&Settings, &mut Settings),
     pub read: fn(&Variants<'_>, &Settings) -> String,
-    /// Copies of the base settings, each with another value of this knob.
+    /// Returns copies of the base settings (second argument), each with another value of this knob.
     pub values: fn(&Variants<'_>, Settings) -> Vec<Settings>,
 }
 
-/// Numbers of samples per ray to try if rays are not marched, as fractions of the number in training.
+/// Numbers of samples per ray to try if rays are not marched, as fractions (3/8 is `(3, 8)`) of the number in training.
 const SAMPLES: [(u32, u32); 7] = [(1, 4), (3, 8), (1, 2), (5, 8), (3, 4), (3, 2), (2, 1)];
-/// March steps to try if rays are marched, in hundredths of the step in training.
+/// Lengths of the march step to try if rays are marched, in per cent of the length in training.
 const STEPS: [u32; 5] = [50, 75, 125, 150, 200];
 const TRANSMITTANCE: [f32; 6] = [0.0, 1e-3, 3e-2, 0.1, 0.2, 0.3];
 const COLOUR: [f32; 5] = [0.0, 1e-2, 3e-2, 0.1, 0.2];
@@ -179,7 +179,7 @@ fn vary<T>(
     values.into_iter().map(with).collect()
 }
 
-/// Knobs in which `settings` differ from `base`, with their values: `samples 48, kernel avx512-bf16`, for example.
+/// Returns the knobs in which `settings` differ from `base`, with their values: "samples 48, kernel avx512-bf16".
 pub fn difference(lab: &Variants<'_>, base: &Settings, settings: &Settings) -> String {
     let changed = KNOBS.iter().filter(|knob| (knob.read)(lab, base) != (knob.read)(lab, settings));
     let parts: Vec<String> =

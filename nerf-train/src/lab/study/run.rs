@@ -34,7 +34,7 @@ pub const BLOB_LOSS_DB: f64 = 3.0;
 /// Loss of PSNR against the exact rendering, dB. Points of a blob's Pareto front that lose at most this do not march in
 /// longer steps than training did, because the loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Largest number of combinations in each of two choices: from all knobs, and from the knobs that a blob stores.
+/// Maximum number of combinations of all knobs, and also of combinations of only the knobs that a blob stores.
 const COMBINATIONS: usize = 12;
 /// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;
@@ -130,7 +130,7 @@ impl<'a, 'b> Study<'a, 'b> {
         Ok(study)
     }
 
-    /// Expected wall-clock seconds of one round of timing.
+    /// Returns the expected wall-clock seconds of one round of timing.
     fn round_seconds(&self) -> f64 {
         let medians = self.points.iter().filter_map(|point| Some(point.seconds(Clock::Wall)?.median));
         medians.sum::<f64>() * self.timing.len() as f64
@@ -164,8 +164,8 @@ impl<'a, 'b> Study<'a, 'b> {
         }
     }
 
-    /// For each knob that is combined with others: tried values, each with loss of PSNR and cost relative to the base.
-    /// `in_blob`: whether to take only knobs that a blob stores.
+    /// Returns, for each knob that is combined with others, the tried values with losses of PSNR and costs relative to
+    /// the base. `in_blob`: whether to take only knobs that a blob stores.
     fn choices(&self, in_blob: bool) -> Vec<Choices> {
         let base = self.points[1].totals(&self.points[0]);
         let of_knob = |index: usize| {
@@ -277,12 +277,12 @@ impl<'a, 'b> Study<'a, 'b> {
         Ok(())
     }
 
-    /// Errors and cost of each point, in the order of the points.
+    /// Returns the errors and cost of each point, in the order of [`Self::points`].
     pub fn totals(&self) -> Vec<Totals> {
         self.points.iter().map(|point| point.totals(&self.points[0])).collect()
     }
 
-    /// For each point, against the exact rendering: PSNR lost, dB, and ratio of render times (point / exact).
+    /// Returns, for each point, PSNR lost against the exact rendering, dB, and ratio of render times (point / exact).
     pub fn times(&self) -> Vec<Price> {
         let price = |point: &Point| {
             let cost = point.relative_time(&self.points[0], self.effort.clock).unwrap_or(f64::NAN);
@@ -291,13 +291,13 @@ impl<'a, 'b> Study<'a, 'b> {
         self.points.iter().map(price).collect()
     }
 
-    /// Indices of the points on the Pareto front of render time and loss of PSNR, slowest first.
+    /// Returns the indices of the points on the Pareto front of render time and loss of PSNR, slowest first.
     pub fn front(&self) -> Vec<usize> {
         pareto(&self.times())
     }
 
-    /// Indices of the points on the blob's Pareto front of multiply-adds and loss of PSNR, most expensive first. Also
-    /// returns the price of every point; the cost is NaN for points that cannot be on the front.
+    /// Returns the indices of the points on the blob's Pareto front of multiply-adds and loss of PSNR, most expensive
+    /// first, and the price of every point; the cost is NaN for points that cannot be on the front.
     ///
     /// The front has at most [`MAX_FRONT`] points. Each has settings that a blob can store, and loses at most
     /// `BLOB_LOSS_DB`. Points that lose at most `TRAINED_STEP_LOSS_DB` do not march in longer steps than training did.
@@ -329,7 +329,8 @@ impl<'a, 'b> Study<'a, 'b> {
         front.into_iter().map(point).collect()
     }
 
-    /// Index of the fastest point that `keep` accepts and that loses at most `loss_db` dB against the exact rendering.
+    /// Returns the index of the fastest point that `keep` accepts and that loses at most `loss_db` dB against the exact
+    /// rendering; `None` if there is none.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

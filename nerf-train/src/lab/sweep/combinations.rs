@@ -28,7 +28,7 @@ pub enum Knob {
 }
 
 impl Knob {
-    /// Command-line flag, axis label in plots, and encoding that a field must have for this knob; `None`: any encoding.
+    /// Returns the command-line flag, the axis label in plots, and the encoding that a field must have (`None`: any).
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
             Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),
@@ -45,7 +45,7 @@ impl Knob {
         }
     }
 
-    /// Flag, without dashes, that takes the list of the knob's values.
+    /// Returns the flag, without dashes, that takes the list of the knob's values.
     pub fn flag(self) -> &'static str {
         self.row().0
     }
@@ -68,7 +68,7 @@ impl Point {
         values.iter().fold(Self::default(), |point, &(knob, value)| point.with(knob, value))
     }
 
-    /// This point with `value` as the value of `knob`.
+    /// Returns this point with `value` as the value of `knob`.
     #[must_use]
     pub fn with(mut self, knob: Knob, value: f64) -> Self {
         self.0[knob as usize] = Some(value);
@@ -83,7 +83,7 @@ impl Point {
         Knob::value_variants().iter().copied().zip(self.0).filter_map(|(knob, value)| Some((knob, value?)))
     }
 
-    /// Unique name of the point, usable as a file name: `L10_layers4_width256_rate0.01`.
+    /// Returns a unique name of the point, usable as a file name: `L10_layers4_width256_rate0.01`.
     pub fn name(&self) -> String {
         self.joined("", "_")
     }

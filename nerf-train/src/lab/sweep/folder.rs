@@ -95,7 +95,7 @@ impl Folder {
         files.iter().map(|path| read_json(path, "record")).collect()
     }
 
-    /// Runs the points without a record. `make` runs one point and returns record and picture; `say` receives messages.
+    /// Runs those `points` that have no record. `make` runs one point, returns record and picture; `say` gets messages.
     pub fn conduct(
         &self,
         points: &[Point],

@@ -34,7 +34,7 @@ pub struct Header {
     pub data: String,
     pub fingerprint: String,
     pub mode: Mode,
-    /// All base settings, also the base values of varied settings. A later command on this folder may vary others.
+    /// All base settings, also the base values of varied settings. A later command may vary other settings.
     pub settings: serde_json::Value,
 }
 
@@ -69,7 +69,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Status and figures of the run in a few words.
+    /// Returns the status and figures of the run in a few words.
     pub(super) fn result(&self) -> String {
         match (self.status, self.psnr_db) {
             (Status::Ok, Some(db)) => format!("{db:.2} dB in {:.1} s", self.train_seconds),
@@ -79,7 +79,7 @@ impl Record {
     }
 }
 
-/// All finished runs, ordered by their settings.
+/// Returns the records of all finished runs in `folder`, ordered by their settings.
 pub fn records(folder: &Folder) -> anyhow::Result<Vec<Record>> {
     let mut records = folder.runs()?;
     // No value is NaN: JSON has none.

@@ -11,7 +11,7 @@ const RAYS: usize = 4096;
 /// Number of directions that are encoded at once.
 const BLOCK: usize = 64;
 
-/// Mean of the encoded direction, `[outputs]`, over a regular grid of pixels of each of `views`; `None` without views.
+/// Averages the encoded direction, `[outputs]`, over a regular grid of pixels of each of `views`; `None` without views.
 pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Vec<f64>> {
     let mut dirs: Vec<[f32; 3]> = Vec::new();
     for view in views {
@@ -80,7 +80,7 @@ pub fn without_direction(
     Some((folded, result))
 }
 
-/// Network without view dependence, by [`without_direction`] with the mean of PE(d) over the rays of `views`. `None` if
+/// Calls [`without_direction`] with the mean of the encoded direction over the rays of `views`. Returns `None` if
 /// colour does not depend on the direction, or if `views` is empty.
 pub fn flattened(
     architecture: &Architecture,

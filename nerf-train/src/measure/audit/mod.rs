@@ -25,7 +25,7 @@ pub struct Without {
     pub background: [f32; 3],
 }
 
-/// Settings without an effect. The inner error is the reason why the effect cannot be left out of this scene.
+/// Result of [`Effect::without`]. The inner error is the reason why the effect cannot be left out of this scene.
 pub type Asked = anyhow::Result<Result<Without, &'static str>>;
 
 /// Effect of a scene, such as view dependence, with a function that leaves the effect out.
@@ -79,13 +79,13 @@ pub const EFFECTS: &[Effect] = &[
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// The effect raises PSNR by at least the threshold, or saves work and lowers PSNR by less than the threshold.
+    /// Effect that raises PSNR by at least the threshold, or saves work and lowers PSNR by less than the threshold.
     Keeps,
     Drops,
 }
 
 impl Verdict {
-    /// Verdict on an effect that adds `gain_db` to PSNR and scales the number of multiply-adds by `relative_macs`.
+    /// Judges an effect that adds `gain_db` to PSNR and multiplies the number of multiply-adds by `relative_macs`.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
         // With a gain of NaN (not measured), the effect is kept.
@@ -126,9 +126,9 @@ pub struct AuditOptions {
     pub clock: Clock,
 }
 
-/// Renders `views` with all effects and without each effect, one rendering of a view directly after the other. `rays`:
-/// views over whose rays the encoded direction is averaged, to leave out view dependence. `each` is called with the
-/// number of frames rendered and the number of all frames.
+/// Renders each view with all effects and then once without each effect, and returns every effect's gain and cost.
+/// `rays`: views over whose rays the encoded direction is averaged, to leave out view dependence. `each` is called with
+/// the number of frames rendered and the number of all frames. Fails if `views` is empty.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
@@ -236,8 +236,8 @@ pub enum EffectSummary {
 }
 
 impl Summary {
-    /// Summary of an audit. `split`, `views`: name of the split, and number of its views that were rendered;
-    /// `background`: background colour of the scene.
+    /// Returns the summary of an audit. `split`, `views`: name of the split, and number of its views that were
+    /// rendered; `background`: background colour of the scene.
     pub fn of(
         audit: &Audit,
         threshold_db: f64,

@@ -76,7 +76,7 @@ impl<'b> Variants<'b> {
         !matches!(self.scene.sampling, SceneSampling::Bins(_))
     }
 
-    /// Distance between samples with `settings`, divided by the distance between samples in training.
+    /// Returns the distance between samples with `settings`, divided by the distance between samples in training.
     pub fn step_share(&self, settings: &Settings) -> f64 {
         let own = self.scene.samples();
         let samples = if settings.quality.samples == 0 { own } else { settings.quality.samples };
@@ -145,7 +145,7 @@ impl<'b> Variants<'b> {
         Ok(Some(self.add(Variant { name, bytes, has_occupancy })))
     }
 
-    /// Feature values of the blob's grid tables; empty for a sinusoidal network.
+    /// Returns the feature values of the blob's grid tables; empty for a sinusoidal network.
     fn table_values(&self) -> Vec<f32> {
         match (self.blob.tables(), self.blob.architecture().position.grid()) {
             (Some(tables), Some(grid)) => values_of(grid, tables),
@@ -153,7 +153,7 @@ impl<'b> Variants<'b> {
         }
     }
 
-    /// The scene file's weights as f32, in the file's order.
+    /// Returns the scene file's weights as f32, in the file's order.
     pub fn parameters(&self) -> Vec<f32> {
         let mut parameters = vec![0.0; self.blob.architecture().parameters()];
         unpack(self.blob.weights(), &mut parameters);
@@ -262,8 +262,8 @@ pub struct Bench<'l, 'b> {
 }
 
 impl Bench<'_, '_> {
-    /// Renders the view of `camera` with `settings` over `background`, and measures memory and time. A frame of reduced
-    /// size is enlarged to `camera`'s size; the time includes this.
+    /// Renders the view of `camera` with `settings` over `background`, and measures memory and time. A frame rendered
+    /// at reduced size is enlarged to `camera`'s size; the time includes the enlargement.
     pub fn render(
         &self,
         settings: &Settings,
@@ -306,7 +306,7 @@ pub fn written(body: &Body<'_>) -> Result<Vec<u8>, BlobError> {
     Ok(bytes)
 }
 
-/// CPU seconds of this process's running threads, all cores together, from `/proc` on Linux; elsewhere NaN.
+/// Returns the CPU seconds of this process's running threads, all cores together, from `/proc` on Linux; elsewhere NaN.
 fn cpu_seconds() -> f64 {
     let seconds = || -> Option<f64> {
         let mut nanoseconds = 0u64;

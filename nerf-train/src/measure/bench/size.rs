@@ -5,7 +5,7 @@ use crate::measure::frame::Frame;
 use anyhow::Context;
 use nerf_core::camera::Camera;
 
-/// Camera of the same view, with `quarters`/4 of the width and height in pixels. Each side has at least one pixel.
+/// Returns a camera of the same view with `quarters`/4 of the width and height, but at least one pixel along each side.
 pub fn scaled(camera: &Camera, quarters: u32) -> anyhow::Result<Camera> {
     if quarters == 4 {
         return Ok(*camera);
@@ -41,7 +41,8 @@ pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     }
 }
 
-/// For each of `large` pixels along a side: indices of the two nearest of `small` pixels, and weight of the second.
+/// Returns the taps of linear interpolation along a side, from `small` to `large` pixels. For each of the `large`
+/// pixels: indices of the two neighbouring `small` pixels, and weight of the second.
 fn taps(small: usize, large: usize) -> Vec<(usize, usize, f32)> {
     let last = small.saturating_sub(1);
     let tap = |i: usize| {

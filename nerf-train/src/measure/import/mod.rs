@@ -64,7 +64,7 @@ pub const STRIDE: u32 = 3;
 /// PSNR below which some setting of the import is probably wrong, dB.
 pub const SUSPICIOUS_DB: f64 = 15.0;
 
-/// Error about `place`, a file or setting that an import cannot use.
+/// Returns an error about `place`, a file or setting that an import cannot use.
 fn refused(place: impl Display, expected: impl Display, found: impl Display) -> anyhow::Error {
     anyhow::anyhow!("{place}: expected {expected}, found {found}")
 }
@@ -201,7 +201,7 @@ impl<'a> Import<'a> {
         self.export(views.map(|views| &*views.name))
     }
 
-    /// Occupancy grid built from the network's densities; `None` if no cell is occupied.
+    /// Returns the occupancy grid built from the network's densities; `None` if no cell is occupied.
     fn built(&self) -> Option<LiveCells> {
         let Request { settings, kernel, style, .. } = self.request;
         say(style, "building the occupancy grid from the network's densities");
@@ -255,7 +255,7 @@ impl<'a> Import<'a> {
         Ok(export_with(&contents, coarse.as_ref())?)
     }
 
-    /// Renders `views` with rounded weights, with f32 weights, and without the occupancy grid if there is one.
+    /// Scores `views` with rounded weights, with f32 weights and, if there is an occupancy grid, without the grid.
     fn measured(&self, views: &Views) -> anyhow::Result<Check> {
         let blob = self.export(None)?.bytes;
         let Request { settings, kernel, style, .. } = self.request;

@@ -27,7 +27,7 @@ pub struct Imported {
 }
 
 impl Imported {
-    /// Parameters of the exported network. The feature layer is folded into the layer after it, in f64.
+    /// Returns the parameters of the exported network. The feature layer is folded into the layer after it, in f64.
     pub fn folded(&self) -> Vec<f32> {
         self.model.fold((&self.parameters).into()).into_owned()
     }
@@ -117,7 +117,7 @@ impl<'t> Reader<'t> {
         Ok((position, trunk))
     }
 
-    /// Reads density, feature, colour and rgb layers of a network with view directions.
+    /// Reads density, feature, colour and rgb layers of a network with view directions. `width`: outputs of the trunk.
     fn colour_branch(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..MAX_WIDTH).collect();
         let density = self.exactly("alpha_linear", &[1], width)?;
@@ -154,7 +154,8 @@ impl<'t> Reader<'t> {
         Ok((direction, colour))
     }
 
-    /// Reads the output layer of a network without view directions: rows r, g, b, sigma; a fifth row is ignored.
+    /// Reads the output layer of a network without view directions. Its rows are r, g, b, sigma, and perhaps a fifth,
+    /// which is ignored. `width`: outputs of the trunk.
     fn output(&mut self, width: usize) -> anyhow::Result<ColourBranch> {
         let straight: Vec<usize> = (0..width).collect();
         let output = self.exactly("output_linear", &[4, 5], width)?;
@@ -163,7 +164,7 @@ impl<'t> Reader<'t> {
         Ok((None, heapless::Vec::new()))
     }
 
-    /// Number of layers named `layers` with `.0`, `.1`, …: the largest index plus one. More than `most` are an error.
+    /// Counts the layers named `{layers}.0`, `{layers}.1`, …: the largest index plus one. Fails if it is above `most`.
     fn count(&self, layers: &'static str, most: usize) -> anyhow::Result<usize> {
         let index = |name: &String| -> Option<usize> {
             name.strip_prefix(layers)?.strip_prefix('.')?.split('.').next()?.parse().ok()
@@ -220,7 +221,8 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Returns the encoding with `found` channels, and each channel's column in the file, in this project's order.
+    /// Returns the encoding with `found` channels and, for each channel in this project's order, its column in the
+    /// file. `field`: "position" or "direction". `tensor`: name of the weight, for errors.
     fn encoding(
         &self,
         field: &'static str,

@@ -34,7 +34,7 @@ pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
     Ok(cells)
 }
 
-/// Grid of the cells in which the network's density exceeds `threshold`, 1/world unit; `None` if no cell is occupied.
+/// Builds the grid of cells in which the density exceeds `threshold`, 1/world unit; `None` if no cell is occupied.
 pub fn build(settings: &Settings, ask: &DensityQuery<'_>, threshold: f32) -> Option<LiveCells> {
     let cells =
         Occupancy::asked(settings.bounds(), settings.occupancy_resolution, ask, threshold).into_live();

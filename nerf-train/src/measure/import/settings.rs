@@ -142,7 +142,7 @@ impl Settings {
         SceneBox { min: Vec3::new(x0, y0, z0), max: Vec3::new(x1, y1, z1) }
     }
 
-    /// Number of samples per ray of the fine network. With a coarse network, these are importance samples.
+    /// Returns the number of samples per ray of the fine network. With a coarse network, these are importance samples.
     pub fn samples(&self, has_coarse: bool) -> u16 {
         self.samples.unwrap_or(if has_coarse { 128 } else { 192 })
     }

@@ -98,7 +98,7 @@ impl Tensors {
         Ok(read)
     }
 
-    /// Error about the tensor named `tensor`, with what was expected and what was found.
+    /// Returns an error about the tensor named `tensor`, with what was expected and what was found.
     pub(super) fn refused(&self, tensor: &str, expected: impl Display, found: impl Display) -> anyhow::Error {
         refused(format!("{}: {tensor}", self.file.display()), expected, found)
     }
@@ -109,7 +109,7 @@ fn damaged(file: &Path, error: &dyn std::error::Error) -> anyhow::Error {
     refused(file.display(), "a .npz or .safetensors file", found)
 }
 
-/// Text before the layer's name in a tensor's `name`; `None` if `name` contains no layer's name.
+/// Returns the text before the layer's name in a tensor's `name`; `None` if `name` contains no layer's name.
 fn prefix_of(name: &str) -> Option<&str> {
     let begins_a_part = |at: &usize| *at == 0 || name[..*at].ends_with('.');
     let places = LAYERS.iter().flat_map(|layer| name.match_indices(layer)).map(|(at, _)| at);

@@ -84,7 +84,7 @@ pub struct ProposalSummary {
 }
 
 impl<'b> Inspection<'b> {
-    /// Contents of `blob`. `bytes`: the blob's bytes; `file`: the file that holds them.
+    /// Returns the contents of `blob`. `bytes`: the blob's bytes; `file`: the file that holds them.
     pub fn of(file: &Path, bytes: &[u8], blob: &'b Blob<'_>) -> Self {
         let (a, p) = (blob.architecture(), blob.provenance());
         let harmonics_degree = match a.direction {

@@ -13,8 +13,8 @@ const C1: f64 = 0.01 * 0.01;
 /// (K2 L)² with K2 = 0.03 and L = 1: keeps the structure term of SSIM finite where the picture is flat.
 const C2: f64 = 0.03 * 0.03;
 
-/// Mean squared error over all pixels and channels of `a` and `b`, each `[n]`. NaN if the lengths differ, if there is
-/// nothing to compare, or if an input is NaN.
+/// Returns the mean squared error over all pixels and channels of `a` and `b`, each `[n]`. NaN if the lengths differ,
+/// if there is nothing to compare, or if an input is NaN.
 pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     if a.len() != b.len() || a.is_empty() {
         return f64::NAN;
@@ -25,7 +25,7 @@ pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     a.iter().zip(b).map(squared).sum::<f64>() / (3.0 * a.len() as f64)
 }
 
-/// Peak signal-to-noise ratio in dB for a peak of 1: −10 log10(MSE).
+/// Returns the peak signal-to-noise ratio in dB for a peak of 1: −10 log10(MSE).
 ///
 /// +inf if the pictures are equal, NaN if [`mse`] is NaN (a NaN pixel is never hidden).
 ///
@@ -39,8 +39,8 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     psnr_db_of_mse(mse(a, b))
 }
 
-/// PSNR in dB with aligned exposure: each channel of `shown` is first multiplied by the gain that brings it nearest to
-/// `truth` (least squares), and clamped to 1.
+/// Returns the PSNR in dB with aligned exposure: each channel of `shown` is first multiplied by the gain that brings it
+/// nearest to `truth` (least squares), and clamped to 1.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {
@@ -54,13 +54,13 @@ pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     psnr_db(&aligned, truth)
 }
 
-/// `psnr_db` minus `over`, dB; 0 if the two are equal, even if both are infinite.
+/// Returns `psnr_db` minus `over`, dB; 0 if the two are equal, even if both are infinite.
 pub fn gain_db(psnr_db: f64, over: f64) -> f64 {
     if psnr_db == over { 0.0 } else { psnr_db - over }
 }
 
-/// PSNR of a flat picture in the mean colour of `rgb`, against `rgb`, dB; +inf if all pixels have the same colour. A
-/// network that has learned nothing scores no better.
+/// Returns the PSNR of a flat picture in the mean colour of `rgb`, against `rgb`, dB; +inf if all pixels have the same
+/// colour. A network that has learned nothing scores no better.
 pub fn flat_psnr_db(rgb: &[[f32; 3]]) -> f64 {
     let mean: [f32; 3] = std::array::from_fn(|c| {
         let sum: f64 = rgb.iter().map(|pixel| f64::from(pixel[c])).sum();
@@ -78,13 +78,13 @@ pub fn is_flat(psnr_and_flat_db: impl IntoIterator<Item = (f64, f64)>) -> bool {
     telling.peek().is_some() && !telling.any(|(psnr, flat)| psnr > flat)
 }
 
-/// Mean of [`flat_psnr_db`] over the views that are not one flat colour, dB; +inf if there is no such view.
+/// Returns the mean of [`flat_psnr_db`] over the views that are not one flat colour, dB; +inf if there is no such view.
 pub fn mean_flat_psnr_db(flat_db: impl IntoIterator<Item = f64>) -> f64 {
     let telling: Vec<f64> = flat_db.into_iter().filter(|flat| flat.is_finite()).collect();
     if telling.is_empty() { f64::INFINITY } else { telling.iter().sum::<f64>() / telling.len() as f64 }
 }
 
-/// Mean structural similarity of two `width` × `height` pictures, at most 1: the mean over their channels.
+/// Returns the mean structural similarity of two `width` × `height` pictures, at most 1: the mean over their channels.
 ///
 /// Gaussian 11×11 window of sigma 1.5, K1 = 0.01, K2 = 0.03, data range 1, population covariance, averaged over the
 /// windows that lie wholly inside ("valid"): what scikit-image computes with `gaussian_weights=True,
@@ -100,8 +100,8 @@ pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 
     ssim_of(a, b, width, height, None)
 }
 
-/// [`ssim`] of the pixels that `counts` marks, `[width * height]`; `None` marks all. Unmarked pixels are taken as equal
-/// in the two pictures. The mean is over the windows whose middle pixel is marked; NaN if there are none.
+/// Returns [`ssim`] of the pixels that `counts` marks, `[width * height]`; `None` marks all. Unmarked pixels are taken
+/// as equal in the two pictures. The mean is over the windows whose middle pixel is marked; NaN if there are none.
 pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let pixels = width.checked_mul(height).unwrap_or(0);
     let differ = |length: usize| length != pixels;
@@ -119,7 +119,7 @@ pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, coun
     (channel(0) + channel(1) + channel(2)) / 3.0
 }
 
-/// SSIM of one channel. The caller must check the sizes.
+/// Returns the SSIM of one channel. The caller must check the sizes.
 fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let (across, down) = (gaussian(width), gaussian(height));
     let blur = |plane: &[f64]| blur_valid(plane, width, height, &across, &down);
@@ -145,8 +145,8 @@ fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Opti
     sum / windows as f64
 }
 
-/// Gaussian weights of an SSIM window along a side of `length` ≥ 1 pixels; their sum is 1. The number of weights is 11
-/// or, if the side is shorter, the largest odd number up to `length`.
+/// Returns the Gaussian weights of an SSIM window along a side of `length` ≥ 1 pixels; their sum is 1. The number of
+/// weights is 11 or, if the side is shorter, the largest odd number up to `length`.
 fn gaussian(length: usize) -> Vec<f64> {
     let taps = WINDOW.min(if length % 2 == 1 { length } else { length - 1 });
     let middle = (taps / 2) as f64;

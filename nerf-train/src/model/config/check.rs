@@ -27,7 +27,7 @@ pub struct ConfigError {
 }
 
 impl ConfigError {
-    /// Returns the error for a 2D field, whose settings have no prefix `network.`: `grid.levels`, for example.
+    /// Returns the error with the setting's name as in a 2D field, without `network.`: `grid.levels`, for example.
     pub(crate) fn of_picture(self) -> Self {
         Self { field: self.field.trim_start_matches("network."), ..self }
     }

@@ -207,7 +207,7 @@ pub enum Withholding {
     Off,
 }
 
-/// What is known of a scene's background.
+/// Kind of a scene's background: known from the images, or unknown, with the scene in a box or unbounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surroundings {
     /// The images show which of their pixels are background, by alpha or by a constant colour.

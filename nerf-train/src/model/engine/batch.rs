@@ -9,7 +9,7 @@ pub(super) const SAMPLES: usize = 512;
 /// Number of rays at which a chunk is full, even if it has few samples: rays without samples cost time, too.
 const RAYS: usize = 2048;
 
-/// Number of rays of a line ([`Batch::lines`]). Chunks hold whole lines.
+/// Number of consecutive rays of a line ([`Batch::lines`]), on which the smoothness loss acts. Chunks hold whole lines.
 pub const LINE: usize = 4;
 
 /// Entry of a ray in a batch: direction, target colour, background and number of samples.

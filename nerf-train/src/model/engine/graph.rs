@@ -135,7 +135,7 @@ impl Node {
     }
 }
 
-/// Backward pass of a ReLU with output `y`: sets `dy` to 0 where `y` is 0; both `[blocks][channels][BLOCK]`.
+/// Does a ReLU's backward pass from its output `y`: sets `dy` to 0 where `y` is 0; both `[blocks][channels][BLOCK]`.
 pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usize) {
     let length = samples.div_ceil(BLOCK) * channels * BLOCK;
     for (dy, &y) in dy[..length].iter_mut().zip(&y[..length]) {

@@ -185,7 +185,7 @@ pub trait Engine: Send {
         vec![[0.0; 3]; views]
     }
 
-    /// Computes loss and requested ray gradients of a batch, without a step. Loss 0 if the engine has no ray gradients.
+    /// Computes loss and requested ray gradients of a batch, without a step. An engine without ray gradients returns 0.
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }

@@ -34,7 +34,7 @@ pub(super) struct Pass {
     slots: Vec<Vec<f32>>,
     /// Gradient of the loss with respect to the current layer's output, `[blocks][outputs][BLOCK]`.
     upper: Vec<f32>,
-    /// Gradient with respect to the layer's main inputs, `[blocks][main][BLOCK]`. Extra inputs, encodings, get none.
+    /// Gradient with respect to the layer's main inputs, `[blocks][main][BLOCK]`. Encodings (extra inputs) get none.
     lower: Vec<f32>,
     /// Sigma of each sample, padded to whole blocks.
     sigma: Vec<f32>,

@@ -115,7 +115,7 @@ pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)
     check_length("a frame", frame.width, frame.height, frame.rgb.len())
 }
 
-/// Delay of frame `index`, hundredths of a second.
+/// Returns the delay of frame `index`, hundredths of a second.
 fn delay(index: usize, fps: f64) -> u16 {
     let at = |i: usize| (i as f64 * 100.0 / fps).round();
     // Differences of rounded absolute times, so that rounding errors do not accumulate.

@@ -97,7 +97,7 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     sets.into_iter().map(|set| set.colours).collect()
 }
 
-/// Palette entry of a set: the colour of over half of its pixels (flat backgrounds stay exact), else the mean.
+/// Returns a set's palette entry: the colour of over half of its pixels (flat backgrounds stay exact), else the mean.
 fn representative(set: &[Counted]) -> [u8; 3] {
     let total: u64 = set.iter().map(|c| u64::from(c.1)).sum();
     if let Some(main) = set.iter().find(|c| 2 * u64::from(c.1) > total) {
@@ -109,7 +109,7 @@ fn representative(set: &[Counted]) -> [u8; 3] {
     })
 }
 
-/// Index of the palette entry nearest to `colour`; the first of equally near ones.
+/// Returns the index of the palette entry nearest to `colour`; the first of equally near ones.
 fn nearest(entries: &[[u8; 3]], colour: [u8; 3]) -> usize {
     let square = |a: u8, b: u8| (i32::from(a) - i32::from(b)).pow(2);
     let distance = |entry: &[u8; 3]| (0..3).map(|c| square(entry[c], colour[c])).sum::<i32>();

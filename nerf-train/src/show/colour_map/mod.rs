@@ -44,7 +44,7 @@ const MAGMA: [[f64; 3]; 7] = [
 ];
 
 impl ColourMap {
-    /// Colour of the value `share`, clamped to [0, 1]; NaN gives [`EMPTY`].
+    /// Returns the colour of the value `share`, clamped to [0, 1]; NaN gives [`EMPTY`].
     pub fn colour(self, share: f32) -> [f32; 3] {
         if share.is_nan() {
             return EMPTY;
@@ -59,7 +59,7 @@ impl ColourMap {
     }
 }
 
-/// Range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
+/// Returns the range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
 ///
 /// `values` (any unit), `opacity`: `[n]`. Only finite values are used; `None` if there are none. If the ends are equal,
 /// as for a flat wall at v, the range is v ± 0.5 % of v; at v = 0, −0.5 to 0.5.
@@ -74,7 +74,7 @@ pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     Some(widened(low, high))
 }
 
-/// Range between two finite ends, in either order; equal ends are moved apart as in [`robust_range`].
+/// Returns the range between two finite ends, in either order; equal ends are moved apart as in [`robust_range`].
 fn widened(low: f32, high: f32) -> (f32, f32) {
     let (low, high) = if low <= high { (low, high) } else { (high, low) };
     let middle = low.abs().max(high.abs());
@@ -85,7 +85,7 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// Range of the colours of a picture of distances: `range` if it is finite, else [`robust_range`], else 0 to 1.
+/// Returns the range of a distance picture's colours: `range` if it is finite, else [`robust_range`], else 0 to 1.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),
@@ -93,7 +93,7 @@ fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (
     }
 }
 
-/// Picture of distances in [`ColourMap::Viridis`] (near is dark), enlarged if small, with a legend on the right.
+/// Draws distances in [`ColourMap::Viridis`] (near is dark), enlarged if small, with a legend on the right.
 ///
 /// `values`, `opacity`: `[height * width]`; `values` in world units. Pixels of opacity ≤ 0.5 or without a finite value
 /// are [`EMPTY`]. `range`: near and far end of the colours, world units; `None`: [`robust_range`]. All frames of an
@@ -129,7 +129,7 @@ fn depth_picture(
     Picture::new(width, height, values.iter().zip(opacity).map(colour).collect())
 }
 
-/// Picture of normals: a unit normal (x, y, z) gets red (x + 1) / 2, green (y + 1) / 2 and blue (z + 1) / 2.
+/// Draws normals: a unit normal (x, y, z) gets red (x + 1) / 2, green (y + 1) / 2 and blue (z + 1) / 2.
 ///
 /// `normals` (unit length, world axes), `opacity`: `[height * width]`. Pixels of opacity ≤ 0.5, or whose normal is 0,
 /// are [`EMPTY`].
@@ -147,7 +147,7 @@ pub fn normal_picture(
     Picture::new(width, height, normals.iter().zip(opacity).map(colour).collect())
 }
 
-/// Picture with a legend on its right: a bar of the map's colours, ticks in the unit of `range`, and a vertical
+/// Draws a legend on the right of `picture`: a bar of the map's colours, ticks in the unit of `range`, and a vertical
 /// `title`. A small `picture` is enlarged by the smallest whole factor that makes its longer side at least 256 pixels.
 pub fn with_legend(picture: &Picture, map: ColourMap, range: (f32, f32), title: &str) -> Picture {
     const SIZE: f32 = 18.0;

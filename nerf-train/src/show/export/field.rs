@@ -17,8 +17,8 @@ pub struct Field<'a, 'b> {
 }
 
 impl<'a, 'b> Field<'a, 'b> {
-    /// Field of a renderer's scene. `plan`: decides the precision, and whether densities are 0 in the empty cells of an
-    /// occupancy grid.
+    /// Creates the field of a renderer's scene. `plan`: decides the precision, and whether densities are 0 in the empty
+    /// cells of an occupancy grid.
     pub fn new(renderer: &'a Renderer<'b>, plan: &'a Plan<'a>) -> Self {
         Self { renderer, plan }
     }
@@ -28,7 +28,7 @@ impl<'a, 'b> Field<'a, 'b> {
         self.renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some())
     }
 
-    /// Densities at `points`, 1/world unit; 0 outside of the scene.
+    /// Returns the densities at `points`, 1/world unit; 0 outside of the scene.
     pub fn densities(&self, points: &[[f32; 3]]) -> anyhow::Result<Vec<f32>> {
         let mut sigma = vec![0.0; points.len()];
         let chunks = points.par_chunks(CHUNK).zip(sigma.par_chunks_mut(CHUNK));
@@ -42,7 +42,7 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok(sigma)
     }
 
-    /// Densities at `points`, 1/world unit, and display-encoded colours as seen along the unit directions `dirs`.
+    /// Returns densities at `points`, 1/world unit, and display-encoded colours seen along the unit directions `dirs`.
     pub fn seen(&self, points: &[[f32; 3]], dirs: &[[f32; 3]]) -> anyhow::Result<(Vec<f32>, Vec<[f32; 3]>)> {
         let (mut sigma, mut rgb) = (vec![0.0; points.len()], vec![[0.0; 3]; points.len()]);
         let asked = points.par_chunks(CHUNK).zip(dirs.par_chunks(CHUNK));
@@ -56,7 +56,7 @@ impl<'a, 'b> Field<'a, 'b> {
         Ok((sigma, rgb))
     }
 
-    /// Distance along each ray at which the opacity reaches 1/2, world units; `None` if the opacity stays below 1/2.
+    /// Finds the distance along each ray at which the opacity reaches 1/2, world units; `None` if it stays below 1/2.
     /// Each ray is `length` world units long, and has one sample in the middle of each of `steps` equal bins.
     pub fn half_way(&self, rays: &[Ray], length: f32, steps: usize) -> anyhow::Result<Vec<Option<f32>>> {
         let delta = length / steps as f32;
@@ -74,8 +74,8 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 }
 
-/// Distance along a ray at which the optical depth reaches ln 2 (opacity 1/2), in the unit of `delta`; `None` if the
-/// optical depth of the whole ray is less. `sigma`: density in each bin of the ray; `delta`: width of a bin.
+/// Finds the distance along a ray at which the optical depth reaches ln 2 (opacity 1/2), in the unit of `delta`; `None`
+/// if the whole ray's optical depth is less. `sigma`: density in each bin of the ray; `delta`: width of a bin.
 fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
     let mut depth = 0.0;
     for (i, sigma) in sigma.iter().enumerate() {

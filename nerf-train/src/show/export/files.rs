@@ -107,7 +107,7 @@ pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     })
 }
 
-/// JSON document of a GLB file. The binary chunk has `bytes` bytes: positions, normals, colours, indices, in order.
+/// Returns a GLB file's JSON document. The binary chunk has `bytes` bytes: positions, normals, colours, then indices.
 fn document(mesh: &Mesh, bytes: usize) -> Value {
     let (count, indices) = (mesh.vertices.len(), 3 * mesh.triangles.len());
     let mut low = [f32::INFINITY; 3];

@@ -18,7 +18,7 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// Lattice with `resolution` cubes along the longest side of the box, plus one cube at each end of every axis.
+    /// Creates a lattice of `resolution` cubes along the box's longest side, plus one cube at each end of each axis.
     pub fn new(bounds: &SceneBox, resolution: u32) -> anyhow::Result<Self> {
         let (cell, cells) = cubes(bounds, resolution)?;
         let cells = cells.map(|count| count + 2);
@@ -29,14 +29,14 @@ impl Lattice {
         self.min + self.cell * Vec3::new(x as f32, y as f32, z as f32)
     }
 
-    /// Positions of the corners whose index along z is `z`, world units; x varies fastest, then y.
+    /// Returns the positions of the corners whose index along z is `z`, world units; x varies fastest, then y.
     pub fn slice(&self, z: usize) -> Vec<[f32; 3]> {
         let [width, height] = self.corners();
         let corner = |i: usize| self.corner([i % width, i / width, z]).into();
         (0..width * height).map(corner).collect()
     }
 
-    /// Optical depth at each corner of slice `z`: density times the side of a cube; 0 at the outermost corners.
+    /// Returns the optical depth at the corners of slice `z`: density times a cube's side; 0 at the outermost corners.
     pub fn cell_depths(&self, field: &Field<'_, '_>, z: usize) -> anyhow::Result<Vec<f16>> {
         let [width, height] = self.corners();
         let side = |i: usize| {
@@ -50,20 +50,20 @@ impl Lattice {
         Ok(found.into_iter().enumerate().map(depth).collect())
     }
 
-    /// Point of the box, without the layer of cubes around it, that is nearest to `point`.
+    /// Returns the point of the box, without the layer of cubes around it, that is nearest to `point`.
     pub fn clamp(&self, point: Vec3) -> Vec3 {
         let last = self.cells.map(|count| count - 1);
         point.clamp(self.corner([1; 3]), self.corner(last))
     }
 
-    /// Number of corners of a slice along x and y.
+    /// Returns the number of corners of a slice along x and y.
     pub fn corners(&self) -> [usize; 2] {
         [self.cells[0] + 1, self.cells[1] + 1]
     }
 }
 
-/// Side of a cube, world units, and number of cubes along each axis, for a box with `resolution` cubes along its
-/// longest side. A lattice's additional layer around the box is not included.
+/// Returns the side of a cube, world units, and number of cubes along each axis, for a box with `resolution` cubes
+/// along its longest side. A lattice's additional layer around the box is not included.
 pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> anyhow::Result<(f32, [usize; 3])> {
     let extent = bounds.max - bounds.min;
     let cell = extent.max_element() / resolution.max(1) as f32;

@@ -68,7 +68,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Summary with only file, kind and box; the caller sets the other fields. `bounds` are relative to `origin`.
+    /// Creates a summary with only file, kind and box; the caller sets all other fields. `origin` is added to `bounds`.
     pub fn new(file: &Path, kind: &'static str, bounds: &SceneBox, origin: [f64; 3]) -> Self {
         let world = |corner: Vec3| [0, 1, 2].map(|axis| f64::from(corner[axis]) + origin[axis]);
         Self {

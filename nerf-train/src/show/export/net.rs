@@ -104,8 +104,8 @@ impl<'l> Net<'l> {
     }
 }
 
-/// Mean of the points where the surface crosses the edges of a cube: position relative to the cube's lower corner, in
-/// units of the cube's side. `values`: levels at the corners, with indices as in [`EDGES`].
+/// Returns the mean of the points where the surface crosses the edges of a cube: position relative to the cube's lower
+/// corner, in units of the cube's side. `values`: levels at the corners, with indices as in [`EDGES`].
 fn crossing(values: &[f32; 8]) -> Vec3 {
     let corner = |i: usize| Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32);
     let crossed = EDGES.iter().filter(|(a, b)| (values[*a] > 0.5) != (values[*b] > 0.5));
@@ -116,7 +116,7 @@ fn crossing(values: &[f32; 8]) -> Vec3 {
     sum / count
 }
 
-/// Gradient of the levels in a cube; only its direction is meaningful. `v`: levels at the corners, as in [`crossing`].
+/// Returns the gradient of a cube's levels `v`, indexed as in [`EDGES`]; only its direction is meaningful.
 fn slope(v: &[f32; 8]) -> Vec3 {
     let rise = |bit: usize| (0..8).map(|i| if i & bit == 0 { -v[i] } else { v[i] }).sum();
     Vec3::new(rise(1), rise(2), rise(4))

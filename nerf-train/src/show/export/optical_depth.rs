@@ -17,8 +17,8 @@ const DARK: f32 = 4.0 * LN_2;
 const ACROSS: [[isize; 2]; 9] =
     [[0, 0], [-1, -1], [0, -1], [1, -1], [-1, 0], [1, 0], [-1, 1], [0, 1], [1, 1]];
 
-/// Level of a point, 0 to 1; above 0.5 inside the surface. `ratio`: density or optical depth, divided by its value at
-/// the surface. The level is linear in the logarithm of `ratio`, because the ratio grows by factors across a surface.
+/// Returns the level of a point, 0 to 1; above 0.5 inside the surface. `ratio`: density or optical depth, divided by
+/// its value at the surface. The level is linear in the logarithm of `ratio`, which grows by factors across a surface.
 pub(super) fn level(ratio: f32) -> f16 {
     f16::from_f32((0.5 + 0.5 * ratio.ln() / RANGE.ln()).clamp(0.0, 1.0))
 }
@@ -44,7 +44,7 @@ impl OpticalDepth {
         depths
     }
 
-    /// Levels of slice `z`'s corners: above 0.5 if the opacity from outside is above 1/2; 0 at the lattice's sides.
+    /// Returns the levels of slice `z`: above 0.5 if the opacity from outside is above 1/2; 0 at the lattice's sides.
     pub(super) fn levels(&self, z: usize) -> Vec<f16> {
         let depth = |least: &Least| match least[2] {
             u16::MAX => 0.0,
@@ -104,18 +104,18 @@ impl OpticalDepth {
     }
 }
 
-/// Length of a step in `direction`, cells, and half of that length.
+/// Returns the length of a step in `direction`, cells, and half of that length.
 fn step(direction: [isize; 3]) -> (f32, f32) {
     let cells = (direction.iter().map(|d| d * d).sum::<isize>() as f32).sqrt();
     (cells, 0.5 * cells)
 }
 
-/// Indices of an axis's corners, except the outermost, which are outside of the box; `direction` < 0: descending.
+/// Iterates over an axis's corners, except the outermost, which are outside of the box; `direction` < 0: descending.
 fn inner(corners: usize, direction: isize) -> impl Iterator<Item = usize> {
     (1..corners - 1).map(move |i| if direction < 0 { corners - 1 - i } else { i })
 }
 
-/// Inserts `depth` if it is one of the three smallest.
+/// Inserts `depth` into the ascending sums `least`, if it is one of the three smallest.
 fn insert(least: &mut Least, depth: f32) {
     let depth = (depth.to_bits() >> 16) as u16;
     if depth < least[2] {

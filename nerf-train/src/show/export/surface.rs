@@ -89,7 +89,7 @@ pub fn mesh(
     }
 }
 
-/// Surface net of `surface`. `cells`: [`Lattice::cell_depths`] of each slice; `each` gets the number of slices done.
+/// Makes the surface net of `surface`. `cells`: [`Lattice::cell_depths`] of each slice; `each` gets the slices done.
 fn net<'l>(
     lattice: &'l Lattice,
     cells: Vec<Vec<f16>>,
@@ -141,7 +141,7 @@ struct Place {
     surface: Vec3,
 }
 
-/// Place of each vertex after the move that [`mesh`] describes; `None` for a vertex that is left out.
+/// Returns the place of each vertex after the move that [`mesh`] describes; `None` for a vertex that is left out.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,
@@ -161,7 +161,7 @@ fn settled(
     Ok(rays.iter().zip(points).zip(crossings).map(place).collect())
 }
 
-/// Vertex for each place, with the colour seen along the inward normal; `None` where the place is `None`.
+/// Returns a vertex for each place, with the colour seen along the inward normal; `None` where the place is `None`.
 fn coloured(
     field: &Field<'_, '_>,
     places: &[Option<Place>],
@@ -177,7 +177,7 @@ fn coloured(
     Ok(places.iter().zip(normals).zip(rgb).map(vertex).collect())
 }
 
-/// Mesh of the triangles whose three vertices exist and have different positions.
+/// Returns the mesh of the triangles whose three vertices exist and have different positions.
 fn kept(vertices: &[Option<Vertex>], triangles: &[[u32; 3]]) -> Mesh {
     let mut mesh = Mesh::default();
     let mut places = vec![NONE; vertices.len()];

@@ -92,7 +92,7 @@ pub struct LinePlot {
 }
 
 impl LinePlot {
-    /// Plot without series, with linear axes.
+    /// Creates a plot without series, with linear axes.
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
         let (title, x_label, y_label): (String, String, String) =
             (title.into(), x_label.into(), y_label.into());
@@ -101,7 +101,7 @@ impl LinePlot {
         Self { title, x_label, y_label, ..Self::default() }
     }
 
-    /// The plot as a picture of 1100 × 720 pixels.
+    /// Returns the plot as a picture of 1100 × 720 pixels.
     pub fn to_picture(&self) -> anyhow::Result<Picture> {
         let mut bytes = vec![0; 3 * WIDTH * HEIGHT];
         self.draw(BitMapBackend::with_buffer(&mut bytes, SIZE).into_drawing_area())?;
@@ -109,7 +109,7 @@ impl LinePlot {
         Picture::new(WIDTH, HEIGHT, rgb.collect())
     }
 
-    /// The plot as the text of an SVG file of 1100 × 720 pixels.
+    /// Returns the plot as the text of an SVG file of 1100 × 720 pixels.
     pub fn to_svg(&self) -> anyhow::Result<String> {
         let mut svg = String::new();
         self.draw(SVGBackend::with_string(&mut svg, SIZE).into_drawing_area())?;
@@ -136,7 +136,7 @@ impl LinePlot {
         x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
     }
 
-    /// The drawable points of each series, and how many points were left out.
+    /// Returns the drawable points of each series, and how many points were left out.
     fn prepared(&self) -> (Vec<Vec<(f64, f64)>>, usize) {
         let mut left_out = 0;
         let prepare = |series: &Series| {
@@ -336,7 +336,7 @@ impl LinePlot {
     }
 }
 
-/// The ends of a linear axis that holds all values, with a margin.
+/// Returns the ends of a linear axis that holds all values, with a margin.
 fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     let (low, high) = ends(values).unwrap_or((0.0, 1.0));
     let largest = low.abs().max(high.abs());
@@ -348,8 +348,8 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Range of a logarithmic axis, and the ticks: at 1, 2 and 5 times the powers of ten. If these are more than [`TICKS`],
-/// ticks are only at every n-th power of ten, where n depends on the number of decades. The range contains all values.
+/// Returns the range of a logarithmic axis that contains all values, and the ticks: 1, 2 and 5 times the powers of ten
+/// or, if these are more than [`TICKS`], every n-th power of ten, where n depends on the number of decades.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;
@@ -369,7 +369,7 @@ fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     (range, ticks)
 }
 
-/// Text of a tick's value, to ten digits: rounding errors of sums do not show.
+/// Returns the text of a tick's value, to ten digits: rounding errors of sums do not show.
 fn tick_label(value: &f64) -> String {
     format!("{value:.9e}").parse().unwrap_or(*value).to_string()
 }

@@ -46,7 +46,7 @@ fn values(records: &[Record], knob: Knob) -> Vec<f64> {
     values
 }
 
-/// All runs ordered by PSNR, the best first; diverged runs last.
+/// Returns all runs ordered by PSNR, the best first; diverged runs last.
 fn ranked(records: &[Record]) -> Vec<&Record> {
     let mut ranked: Vec<&Record> = records.iter().collect();
     let key = |record: &Record| match record.status {
@@ -57,7 +57,7 @@ fn ranked(records: &[Record]) -> Vec<&Record> {
     ranked
 }
 
-/// Table of the runs, one per row, the best first.
+/// Returns the table of the runs, one per row, the best first.
 pub fn table(records: &[Record]) -> Table {
     let knobs =
         records.first().map_or(Vec::new(), |r| r.point.values().map(|(knob, _)| knob.name()).collect());
@@ -89,7 +89,7 @@ fn status(record: &Record) -> &'static str {
     }
 }
 
-/// Table of PSNR over the two settings that vary; `None` if the number of varied settings is not two.
+/// Returns the table of PSNR over the two settings that vary; `None` if the number of varied settings is not two.
 fn matrix(records: &[Record]) -> Option<Table> {
     let [down, across] = varied(records)[..] else { return None };
     let columns = values(records, across);
@@ -140,7 +140,7 @@ fn markdown(folder: &Folder, records: &[Record]) -> String {
     text
 }
 
-/// Runs to plot, each with its PSNR, dB. Left out are runs that diverged or score no better than one flat colour.
+/// Returns the runs to plot, with their PSNR, dB. Left out: runs that diverged or score no better than one flat colour.
 fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
     let fine = |record: &&Record| record.status == Status::Ok;
     records.iter().filter(fine).filter_map(|record| Some((record, record.psnr_db?)))
@@ -149,8 +149,8 @@ fn drawn(records: &[Record]) -> impl Iterator<Item = (&Record, f64)> + Clone {
 /// Points of a curve: x, and PSNR in dB.
 type Points = Vec<(f64, f64)>;
 
-/// Curves of PSNR over `x`, one for each combination of the settings other than `knob`. If there are several curves,
-/// curves with a single point are left out.
+/// Returns the curves of PSNR over `x`, one for each combination of the settings other than `knob`. If there are
+/// several curves, curves with a single point are left out.
 fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Series> {
     let others: Vec<Knob> = varied(records).into_iter().filter(|&other| other != knob).collect();
     let mut curves: Vec<(Vec<f64>, Points)> = Vec::new();
@@ -180,7 +180,7 @@ fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Ser
     curves.into_iter().map(series).collect()
 }
 
-/// Two curves over `knob`: best and mean PSNR of all runs with one value of `knob`. Drawn in place of too many curves.
+/// Returns two curves over `knob`, in place of too many: best and mean PSNR of the runs for each value of `knob`.
 fn summarised(records: &[Record], knob: Knob) -> Vec<Series> {
     let of_value =
         |value: f64| drawn(records).filter(move |(r, _)| r.point.get(knob) == Some(value)).map(|(_, db)| db);
@@ -206,7 +206,7 @@ fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
     plot
 }
 
-/// Scatter plot of the runs: PSNR over training time.
+/// Returns a scatter plot of the runs: PSNR over training time.
 fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
     let title = format!("{}: PSNR over training time", folder.header.data);
     let mut plot = LinePlot::new(title, "training time, s", measured(folder.header.kind));
@@ -242,7 +242,7 @@ fn notes(records: &[Record]) -> Vec<String> {
     if others.is_empty() { Vec::new() } else { vec![format!("Not drawn: {}.", others.join("; "))] }
 }
 
-/// Contact sheet of the runs' pictures in the order of their settings; `None` without runs.
+/// Returns a contact sheet of the runs' pictures in the order of their settings; `None` without runs.
 fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     let mut cells = Vec::new();
     for record in records {
@@ -268,7 +268,7 @@ pub struct Summary<'r> {
 }
 
 impl<'r> Summary<'r> {
-    /// Summary of the runs of a sweep, whose report is at `report`.
+    /// Returns the summary of the runs of a sweep, whose report is at `report`.
     pub fn of(records: &'r [Record], report: &Path) -> Self {
         Self { report: report.display().to_string(), runs: records.iter().map(RunSummary).collect() }
     }

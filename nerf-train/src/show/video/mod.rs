@@ -22,7 +22,7 @@ pub const PATIENCE: Duration = Duration::from_secs(60);
 const LISTING_PATIENCE: Duration = Duration::from_secs(10);
 /// Time in which an ffmpeg that has stopped reading frames must exit with its error message.
 const LAST_WORDS: Duration = Duration::from_millis(200);
-/// Number of bytes that are kept of the list of encoders, which has about 20 KB.
+/// Largest number of bytes kept of ffmpeg's list of encoders, which has about 20 KB.
 const LISTING_BYTES: usize = 1 << 20;
 /// Number of bytes kept of ffmpeg's messages: the last ones, which tell why ffmpeg failed.
 const KEPT_BYTES: usize = 8 << 10;
@@ -44,7 +44,7 @@ impl Ffmpeg {
         Self::find_within(program, LISTING_PATIENCE)
     }
 
-    /// As [`find`](Self::find); `patience`: time in which ffmpeg must list its encoders.
+    /// Does [`find`](Self::find). `patience`: time in which ffmpeg must list its encoders.
     fn find_within(program: Option<&Path>, patience: Duration) -> anyhow::Result<Self> {
         let program = program.unwrap_or(Path::new("ffmpeg"));
         let unusable = |reason| unusable(program, reason);
@@ -234,7 +234,7 @@ fn even(side: usize) -> usize {
     side.next_multiple_of(2)
 }
 
-/// RGB bytes of a frame; if its width or height is odd, the last column or row is repeated.
+/// Returns the RGB bytes of a frame; if its width or height is odd, the last column or row is repeated.
 fn even_rgb8(frame: &Picture) -> Vec<u8> {
     let bytes = frame.to_rgb8();
     if frame.width.is_multiple_of(2) && frame.height.is_multiple_of(2) {

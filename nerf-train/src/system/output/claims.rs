@@ -115,7 +115,7 @@ impl Claims {
         self.derives(flag, path, Existing::Replace)
     }
 
-    /// Adds an output file with a derived name. `what`: text for errors; `existing`: treatment of an existing file.
+    /// Adds `path` as an output file. `what`: name of the output in errors; `existing`: treatment of an existing file.
     pub fn derives(self, what: &str, path: &Path, existing: Existing) -> Self {
         self.output(what, path, Kind::File(existing))
     }

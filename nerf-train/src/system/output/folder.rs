@@ -34,7 +34,7 @@ impl AtomicFolder {
         Ok(Self { temporary, _listed: Listed(place), target: path.to_owned() })
     }
 
-    /// Path of the hidden folder to write into. `commit` renames this folder to its final name.
+    /// Returns the path of the hidden folder to write into. `commit` renames this folder to its final name.
     pub fn place(&self) -> &Path {
         self.temporary.path()
     }

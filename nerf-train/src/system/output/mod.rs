@@ -155,7 +155,7 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Path of the file, for another program to write into before the commit. The program must not replace the file.
+    /// Returns the path of the file to which another program may write before the commit. It must not replace the file.
     pub fn place(&self) -> &Path {
         match &self.sink {
             Sink::Temporary(buffer, _) => buffer.get_ref().path(),
@@ -294,7 +294,7 @@ fn remove_folder(path: &Path) {
     }
 }
 
-/// Builder of a hidden temporary file (`mode` 0o666) or folder (0o777). `mode`: permissions before the umask.
+/// Returns a builder of a hidden temporary file or folder. `mode`: permissions before the umask (0o666 or 0o777).
 fn hidden(#[cfg_attr(not(unix), expect(unused))] mode: u32) -> tempfile::Builder<'static, 'static> {
     let mut builder = tempfile::Builder::new();
     // A fixed short prefix: the target's name may already be as long as the file system allows.

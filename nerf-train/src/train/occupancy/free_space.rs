@@ -9,11 +9,11 @@ use rayon::prelude::*;
 const FREE_SHARE: f32 = 0.85;
 /// Least number of crossings by lines of sight that proves a cell free; for a block, summed over its cells.
 const MIN_CROSSINGS: u32 = 3;
-/// A cell is free only if more than this number of lines of sight cross it for each line that ends in it.
+/// Ratio that a free cell must exceed: number of lines of sight that cross the cell, per line that ends in it.
 const ENDS: u32 = 4;
 /// Side of a block of cells, in cells.
 const BLOCK: usize = 4;
-/// Lines of sight with a confidence below this are ignored.
+/// Confidence below which a line of sight is ignored.
 const MIN_CONFIDENCE: f32 = 0.15;
 /// Number of steps per side of a cell along a line of sight. Outside of the uncontracted ball, steps and cells grow.
 const STEPS_A_CELL: f32 = 2.0;

@@ -17,10 +17,11 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// An update that leaves a lower fraction of candidates occupied is not applied: zero density must not empty the grid.
+/// Least fraction of candidate cells that an update must leave occupied; else the update is not applied. A field that
+/// has lost all density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// Divisor of the number of views that see the most visible cell. A cell of the hull must be seen by at least the
-/// quotient, rounded up. This excludes space behind the scene, which few cameras see.
+/// Divisor `d`: a cell of the visual hull must be seen by at least `n / d` views, if `n` views see the most visible
+/// cell. This excludes space behind the scene, which few cameras see.
 const SEEN_SHARE: u32 = 4;
 /// Limit on the multiply-adds of a final update with eight points per cell; above the limit, each cell gets one point.
 const SETTLE_MACS: usize = 300_000_000_000;
@@ -60,7 +61,7 @@ impl LiveCells {
         self.resolution
     }
 
-    /// Occupancy bits, least significant bit of a byte first. The cell at `(x, y, z)` has bit `(x ny + y) nz + z`.
+    /// Returns the bits, least significant first in each byte. The cell at `(x, y, z)` has bit `(x ny + y) nz + z`.
     pub fn bits(&self) -> &[u8] {
         &self.bits
     }
@@ -78,7 +79,7 @@ impl LiveCells {
         (Vec3::from(self.max) - Vec3::from(self.min)) / sides
     }
 
-    /// Position of a point in cell `cell`, index `(x ny + y) nz + z`. `u`: coordinates within the cell, 0 to 1.
+    /// Returns a point in cell `cell`, index `(x ny + y) nz + z`. `u`: coordinates within the cell, 0 to 1.
     fn point(&self, cell: u32, u: [f32; 3]) -> Vec3 {
         let [_, ny, nz] = self.resolution.map(u32::from);
         let index = [cell / (ny * nz), cell / nz % ny, cell % nz];
@@ -86,7 +87,7 @@ impl LiveCells {
         Vec3::from(self.min) + at * self.cell_size()
     }
 
-    /// Occupancy grid of `resolution` cells over `bounds`. `live`: index `(x ny + y) nz + z` of each occupied cell.
+    /// Creates a grid of `resolution` cells over `bounds`. `live`: index `(x ny + y) nz + z` of each occupied cell.
     ///
     /// # Panics
     /// If a cell is outside of the occupancy grid.
@@ -117,20 +118,20 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// Number of cells along x, y, z of a box with sides `extent`; `resolution`: number along the longest side.
+    /// Returns how many cells a box with sides `extent` has along x, y, z; `resolution`: number along the longest side.
     pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
         let cell = extent.max_element() / f32::from(resolution);
         extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
     }
 
-    /// An occupancy grid with every cell occupied, `resolution` cells along the longest side.
+    /// Creates an occupancy grid with every cell occupied, `resolution` cells along the longest side.
     pub fn full(bounds: SceneBox, resolution: u16) -> Self {
         let sides = Self::sides(bounds.max - bounds.min, resolution);
         let cells = sides.iter().map(|&side| u32::from(side)).product();
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// Occupancy grid of an unbounded scene. A cell is occupied if two cameras at least `apart` world units apart see
+    /// Creates the grid of an unbounded scene. A cell is occupied if two cameras at least `apart` world units apart see
     /// it, unless it is too near to a camera or known to be free. `nears`: for each view, the distance from its camera
     /// within which space is empty, world units. `free`: for each cell, whether it is empty; may be an empty slice.
     pub fn seen(
@@ -192,8 +193,8 @@ impl Occupancy {
         Self { live, candidates, density, refreshes: 0, weighted: Vec::new(), marked_rays: 0 }
     }
 
-    /// Visual hull: the cells that enough views see completely, and that no view shows as background. `None` if the
-    /// photographs do not show what is background.
+    /// Carves the visual hull: the cells that enough views see completely, and that no view shows as background. `None`
+    /// if the photographs do not show what is background.
     pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
         let silhouettes: Option<Vec<Silhouette>> =
             views.par_iter().map(|view| Silhouette::of(view, background)).collect();
@@ -220,7 +221,7 @@ impl Occupancy {
         Some(Self::of_candidates(bounds, full.live.resolution, kept))
     }
 
-    /// Bounding box of the candidate cells, with a margin of one cell; `None` without candidates.
+    /// Returns the bounding box of the candidate cells, with a margin of one cell; `None` without candidates.
     pub fn tight_box(&self) -> Option<SceneBox> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for &cell in &self.candidates {
@@ -296,22 +297,23 @@ impl Occupancy {
         }
     }
 
-    /// Final update before export: evaluates the density at 2 × 2 × 2 points of every candidate cell not known to be
-    /// occupied. A cell is occupied if any density is above `threshold`, 1/world unit. If this would take too long,
-    /// each cell is evaluated at its centre only, and candidates next to occupied cells are made occupied, too.
+    /// Does the final update before export: evaluates the density at 2 × 2 × 2 points of every candidate cell not known
+    /// to be occupied. A cell is occupied if any density is above `threshold`, 1/world unit. If this would take too
+    /// long, each cell is evaluated at its centre only, and candidates next to occupied cells are made occupied, too.
     pub fn settle(&mut self, ask: &DensityQuery<'_>, threshold: f32) {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
-    /// Occupancy grid of a finished network, `resolution` cells along the longest side, evaluated as in
-    /// [`Self::settle`]. Unlike `settle`, uses the result even if hardly any cell stays occupied.
+    /// Returns the occupancy grid of a finished network, with `resolution` cells along the longest side, evaluated as
+    /// in [`Self::settle`]. Unlike `settle`, uses the result even if hardly any cell stays occupied.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy
     }
 
-    /// Occupancy grid of a finished network as by [`Self::asked`], evaluated only in the occupied cells of `cells`.
+    /// Returns the occupancy grid of a finished network, evaluated as in [`Self::settle`], but only in the cells that
+    /// are occupied in `cells`. `threshold`: density above which a cell is occupied, 1/world unit.
     pub fn asked_within(cells: &LiveCells, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
         occupancy.settle_to(ask, threshold, 0.0);

@@ -13,7 +13,7 @@ pub(super) struct Silhouette {
 }
 
 impl Silhouette {
-    /// Silhouette of a view; `None` if the photographs do not show what is foreground.
+    /// Returns the silhouette of a view; `None` if the photographs do not show what is foreground.
     pub(super) fn of(view: &View, background: Background) -> Option<Self> {
         let (width, height) = view.size();
         let (width, height) = (width as usize, height as usize);

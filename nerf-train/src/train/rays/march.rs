@@ -62,7 +62,7 @@ impl MarchCells {
         Lookup::new(&self.bits, self.resolution, self.resolution.map(f32::from), &self.bounds, ray)
     }
 
-    /// Lookup of the blocks' bits `near` along `ray`. The last block of an axis may extend beyond the scene box.
+    /// Prepares a lookup of `near`, the blocks' bits, along `ray`. The last block of an axis may extend beyond the box.
     fn block_lookup(&self, ray: &Ray) -> Lookup<'_> {
         let sides = self.resolution.map(|side| f32::from(side) / BLOCK_SIDE as f32);
         Lookup::new(&self.near, self.blocks, sides, &self.bounds, ray)
@@ -79,7 +79,7 @@ struct Lookup<'a> {
 }
 
 impl<'a> Lookup<'a> {
-    /// Lookup of `bits`, one per cell or block, along `ray`. `sides`: sides of `bounds` in cells or blocks, unrounded.
+    /// Prepares a lookup of `bits`, one per cell or block, along `ray`. `sides`: cells or blocks per axis, unrounded.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -91,8 +91,8 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Occupancy of sixteen points of the ray, as bits. Bit `i` is that of the point at `t = first + (base + i) step`.
-    /// For a point outside the box, the nearest cell is read.
+    /// Looks up the occupancy of sixteen points of the ray, as bits. Bit `i` of the result is that of the point at
+    /// `t = first + (base + i) step`. For a point outside the box, the nearest cell is read.
     #[inline(always)]
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
@@ -115,7 +115,7 @@ impl<'a> Lookup<'a> {
     }
 }
 
-/// Bit mask of the first `count` samples of a group; of all sixteen if `count` is larger.
+/// Returns the bit mask of the first `count` samples of a group; of all sixteen if `count` is larger.
 #[inline(always)]
 fn first_bits(count: u32) -> u32 {
     u32::MAX >> (32 - count.min(GROUP as u32))

@@ -27,7 +27,7 @@ const CONTRACTED_CHUNK: usize = 16;
 /// One in this number of rays of an unbounded scene is cast along a line of sight.
 const SIGHT_SHARE: usize = 8;
 
-/// All pixels from which a run draws its batches, and the sampling of their rays.
+/// Pixels of all training views, from which batches are drawn, and the settings by which their rays are sampled.
 pub struct RayBank<'d> {
     views: &'d [View],
     cameras: Vec<Camera>,
@@ -129,8 +129,8 @@ impl<'d> RayBank<'d> {
         self.cameras = cameras;
     }
 
-    /// Index of a view and a line of sight of this view, drawn for ray `index`. Only the first eighth of a batch
-    /// follows lines of sight; other rays have `None`.
+    /// Returns the index of a view and a line of sight of this view, drawn for ray `index`. Only the first eighth of a
+    /// batch follows lines of sight; other rays have `None`.
     fn sight(&self, step: u64, index: u64, rays: usize) -> Option<&(usize, Sight)> {
         if self.sights.is_empty() || index >= (rays / SIGHT_SHARE) as u64 {
             return None;
@@ -139,7 +139,7 @@ impl<'d> RayBank<'d> {
         self.sights.get(scale(bits, self.sights.len() as u64) as usize)
     }
 
-    /// View index and pixel indices of the line of pixels to which ray `index` belongs; `None` if the ray is on none.
+    /// Returns the view and pixel indices of the line of pixels to which ray `index` belongs; `None` if there is none.
     fn line(&self, step: u64, index: u64, rays: usize) -> Option<(usize, [usize; LINE])> {
         let first = index - index % LINE as u64;
         let on_lines = rays_on_lines(rays / SIGHT_SHARE, rays);
@@ -225,7 +225,7 @@ impl<'d> RayBank<'d> {
         time
     }
 
-    /// [`Self::fill_marched`] for an unbounded scene, from near to far. `width`: step, radii of the uncontracted ball.
+    /// Does [`Self::fill_marched`] if the scene is unbounded. `width`: step length, radii of the uncontracted ball.
     fn fill_contracted(
         &self,
         isa: Isa,
@@ -301,7 +301,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Indices of a random view and of a pixel in it, drawn from all pixels of all views.
+    /// Returns the indices of a random view and of a pixel in it, drawn from all pixels of all views.
     fn any_pixel(&self, step: u64, index: u64) -> (usize, usize) {
         let total = self.starts[self.views.len()];
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
@@ -322,7 +322,7 @@ impl<'d> RayBank<'d> {
         (view, (pixel - self.starts[view]) as usize)
     }
 
-    /// Source of ray `index` in a step of `rays` rays: index of its view, and row-major index of its pixel.
+    /// Returns the source of ray `index` in a step of `rays` rays: index of its view, and row-major index of its pixel.
     pub fn source(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
         if let Some(&(view, Sight { at: [x, y], .. })) = self.sight(step, index, rays) {
             return (view, y as usize * self.views[view].size().0 as usize + x as usize);
@@ -333,7 +333,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Indices of a random view and of an unmasked pixel in it, drawn as [`SamplingConfig::images`] states.
+    /// Returns the indices of a random view and of an unmasked pixel in it, drawn as [`SamplingConfig::images`] states.
     fn random_pixel(&self, step: u64, index: u64, rays: usize) -> (usize, usize) {
         let bits = uniform_u32(self.seed, Purpose::Pixel, step, index);
         if self.sampling.images > 0 {
@@ -368,7 +368,7 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Ray of a pixel of colour `rgba`, and its entry in the batch: target colour and background, without samples yet.
+    /// Returns the ray of a pixel of colour `rgba`, and its batch entry: target colour and background, no samples yet.
     fn target(&self, step: u64, index: u64, (view, pixel): (usize, usize), rgba: [u8; 4]) -> (Ray, BatchRay) {
         let ray = ray_of(&self.cameras[view], pixel);
         let background = match self.background {
@@ -413,7 +413,7 @@ impl<'d> RayBank<'d> {
         (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
     }
 
-    /// Distance of the sample in bin `bin` of ray `index` in step `step`, world units; at least that of the bin before.
+    /// Returns the distance of the sample in bin `bin` of ray `index`, world units; at least that of the bin before.
     fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
         let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
         match self.sampling.jitter {

@@ -17,8 +17,8 @@ pub(super) fn rays_on_lines(before: usize, rays: usize) -> Range<usize> {
     first..first + rays / LINE_SHARE / LINE * LINE
 }
 
-/// Row-major indices of equally spaced pixels on the row or the column of `pixel`, 1, 2, 4 or 8 sixtieths of the longer
-/// side apart. Three random bits of `bits` choose row or column, and spacing. `None`: the photograph is too small.
+/// Returns row-major indices of equally spaced pixels on the row or column of `pixel`, 1, 2, 4 or 8 sixtieths of the
+/// longer side apart. Three bits of `bits` choose row or column, and spacing. `None`: the photograph is too small.
 pub(super) fn pixels_on_line((width, height): (u32, u32), pixel: usize, bits: u32) -> Option<[usize; LINE]> {
     let (width, height) = (width as usize, height as usize);
     let spacing = (width.max(height) / SPACINGS).max(1) << (bits & 3);
@@ -32,7 +32,7 @@ pub(super) fn pixels_on_line((width, height): (u32, u32), pixel: usize, bits: u3
 /// Margin around the foreground, pixels. Only pixels of the foreground and this margin are drawn for batches.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Indices of the unmasked pixels within [`FOREGROUND_MARGIN`] of foreground; `None` if `background` is unknown.
+/// Returns indices of the unmasked pixels within [`FOREGROUND_MARGIN`] of foreground; `None` for an unknown background.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();
@@ -58,8 +58,8 @@ pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Backgr
     Some(parts?.concat())
 }
 
-/// Indices, among the pixels of all views, of the unmasked pixels; `None` if no view has a mask. The data set
-/// guarantees that each view has an unmasked pixel and that, with masks, there are at most 2^32 pixels in all.
+/// Returns the indices, among the pixels of all views, of the unmasked pixels; `None` if no view has a mask. The data
+/// set guarantees that each view has an unmasked pixel and that, with masks, there are at most 2^32 pixels in all.
 pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
     views.iter().any(|view| view.mask.is_some()).then_some(())?;
     let of_view = |(view, &start): (&View, &u64)| {

@@ -26,7 +26,8 @@ const REFRESHES: usize = 24;
 /// Step length of the ray march in an unbounded scene: length at the start, as a multiple of the final length, and
 /// fraction of the run after which the final length is reached. Steps are long at first, as densities are diffuse.
 const UNBOUNDED_GROWTH: (f64, f64) = (4.0, 0.15);
-/// Step length of the ray march in a bounded scene; the two numbers are as in [`UNBOUNDED_GROWTH`].
+/// Step length of the ray march in a bounded scene: length at the start, as a multiple of the final length, and
+/// fraction of the run after which the final length is reached.
 const BOUNDED_GROWTH: (f64, f64) = (2.0, 0.4);
 /// Number of stages in which the march's steps are shortened to their final length.
 const STAGES: f64 = 8.0;
@@ -59,14 +60,14 @@ pub struct Trainer<'d> {
     /// Lines of sight from the training cameras to key points, in an unbounded scene.
     pub(crate) sights: Option<Sights>,
     cells: Option<MarchCells>,
-    /// Ray march of the next step's batch, and that batch, filled during the present step; `None` if it is not filled.
+    /// Ray march and batch of the next step, filled during the present step. `None`: the batch is not filled.
     prefetched: (Option<March>, Batch),
     phases: Phases,
     pub(crate) fingerprint: u64,
 }
 
 impl<'d> Trainer<'d> {
-    /// Trainer before its first step, with scene bounds, initial occupancy and initial parameters.
+    /// Creates a trainer before its first step, with scene bounds, initial occupancy and initial parameters.
     pub fn new(dataset: &'d Dataset, config: Config, kernel: Kernel) -> Result<Self, TrainError> {
         config.check()?;
         let unbounded = config.sampling.contraction.is_some();
@@ -165,7 +166,7 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Time spent in each phase of the steps: wall-clock for occupancy updates, otherwise summed over threads.
+    /// Returns the time spent in each phase: wall-clock for occupancy updates, otherwise summed over threads.
     pub fn phases(&self) -> Phases {
         let mut phases = self.phases;
         phases += self.engine.phases();
@@ -181,7 +182,7 @@ impl<'d> Trainer<'d> {
         self.state.photographs.refined().map_or_else(|| given(train), |poses| poses.cameras(train))
     }
 
-    /// Number of rays that will be traced to refine the poses of the validation views; 0 if poses are not refined.
+    /// Returns the number of rays that will refine the poses of the validation views; 0 if poses are not refined.
     pub fn held_out_rays(&self) -> u64 {
         let rays = HELD_OUT_RAYS * self.dataset.val.len().min(HELD_OUT_VIEWS);
         if self.state.photographs.refined().is_some() { u64::from(HELD_OUT_STEPS) * rays as u64 } else { 0 }
@@ -301,8 +302,8 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Step length of the ray march once the fraction `share` of the budget is used, world units. `None` if rays are
-    /// divided into bins.
+    /// Returns the step length of the ray march once the fraction `share` of the budget is used, world units. `None` if
+    /// rays are divided into bins.
     fn step_width(&self, share: f64) -> Option<f32> {
         let longer = lengthened(share, self.bounds.contraction.is_some());
         self.step_width.filter(|_| self.state.occupancy.is_some()).map(|width| longer * width)
@@ -366,7 +367,7 @@ impl<'d> Trainer<'d> {
         self.forget_marched();
     }
 
-    /// Density above which an update keeps a cell occupied, 1/world unit.
+    /// Returns the density above which an update keeps a cell occupied, 1/world unit.
     fn threshold(&self) -> f32 {
         let bins = f32::from(self.config.sampling.samples);
         let width = self.step_width.unwrap_or((self.bounds.far - self.bounds.near) / bins);
@@ -424,7 +425,8 @@ impl March {
     }
 }
 
-/// Number of rays for the configured number of samples, times `margin`. `live_per_ray`: samples per ray, 0 if unknown.
+/// Returns the number of rays that give `margin` times the configured number of samples. `live_per_ray`: samples per
+/// ray; if 0 (unknown), returns the configured number of rays.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -433,20 +435,20 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Smoothed number of samples per ray. `before`: the smoothed number before this batch; 0 before the first batch.
+/// Smooths the number of samples per ray. `before`: the smoothed number before this batch; 0 before the first batch.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }
 }
 
-/// Length of the ray march's steps at the used fraction `share` of the budget, as a multiple of their final length.
+/// Returns the ray march's step length at the used fraction `share` of the budget, as a multiple of the final length.
 pub(crate) fn lengthened(share: f64, unbounded: bool) -> f32 {
     let (longest, growth) = if unbounded { UNBOUNDED_GROWTH } else { BOUNDED_GROWTH };
     let stage = (STAGES * share / growth).floor().min(STAGES);
     longest.powf(1.0 - stage / STAGES) as f32
 }
 
-/// Number of bins between near and far whose width is 1/`steps` of the longest side of the scene box.
+/// Returns the number of bins between near and far whose width is 1/`steps` of the longest side of the scene box.
 fn bins_across(bounds: &Bounds, steps: u16) -> u16 {
     let longest = (bounds.scene_box.max - bounds.scene_box.min).max_element();
     let bins = f64::from(steps) * f64::from(bounds.far - bounds.near) / f64::from(longest);

@@ -30,7 +30,7 @@ struct Point {
 }
 
 impl<'a> Reduced<'a> {
-    /// Normal equations of a step with Levenberg-Marquardt `damping`; `None` if the equations of a point are singular.
+    /// Sets up the equations of a step with Levenberg-Marquardt `damping`; `None` if a point's equations are singular.
     pub(super) fn of(bundle: &'a Bundle, damping: f64) -> Option<Self> {
         // POSE rows for each pose and each device; the last rows of a device are unused.
         let size = POSE * (bundle.photographs.len() + bundle.devices.len());
@@ -162,7 +162,7 @@ fn solve(matrix: &mut [f64], right: &mut [f64], size: usize) -> Option<()> {
     Some(())
 }
 
-/// Dot product in eight partial sums; the order of additions is fixed.
+/// Returns the dot product, in eight partial sums; the order of additions is fixed.
 #[inline]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (mut sums, (a, a_rest), (b, b_rest)) = ([0.0; 8], a.as_chunks::<8>(), b.as_chunks::<8>());

@@ -91,7 +91,7 @@ impl Bundle {
         self.linearised(seen).map(|jacobian| jacobian.residual)
     }
 
-    /// Residual and derivatives of an observation; `None` if the point is not in front of the camera.
+    /// Returns residual and derivatives of an observation; `None` if the point is not in front of the camera.
     fn linearised(&self, seen: &Observation) -> Option<Jacobian> {
         let photograph = &self.photographs[seen.photograph];
         let device = &self.devices[photograph.device];
@@ -129,7 +129,7 @@ impl Bundle {
         })
     }
 
-    /// Reprojection errors of all observations, pixels; infinite if the point is not in front of the camera.
+    /// Returns each observation's reprojection error, pixels; infinite if the point is not in front of the camera.
     pub(crate) fn errors(&self) -> Vec<f64> {
         let error = |seen| self.residual(seen).map_or(f64::INFINITY, DVec2::length);
         self.observations.iter().map(error).collect()
@@ -159,7 +159,7 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Adjusts poses, devices and points, then [fits](align) the result to `anchor`. Returns the number of iterations.
+    /// Adjusts all variables, then [fits](align) the camera centres to `anchor`. Returns the number of iterations.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
@@ -219,7 +219,7 @@ fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     }
 }
 
-/// Median of the values; for an even number of values, the larger of the two middle ones. NaN without values.
+/// Returns the median; for an even number of values, the larger of the two middle ones. NaN without values.
 pub(crate) fn median<T: Into<f64>>(values: impl IntoIterator<Item = T>) -> f64 {
     let mut values: Vec<f64> = values.into_iter().map(Into::into).collect();
     let middle = values.len() / 2;

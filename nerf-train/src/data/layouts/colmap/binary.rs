@@ -96,7 +96,7 @@ impl Bytes {
     }
 }
 
-/// Number of photographs that an images.bin states.
+/// Reads the number of photographs that an images.bin states.
 pub(crate) fn count(file: &Path) -> Result<u64, DatasetError> {
     Bytes::open(file)?.u64("number of photographs")
 }

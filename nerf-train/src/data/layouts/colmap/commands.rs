@@ -45,7 +45,7 @@ pub(crate) enum Way {
 }
 
 impl Way {
-    /// Strategies to try, in order: first the requested one (`sequential` or exhaustive), then the alternatives.
+    /// Returns the strategies to try, in order: the requested one (`sequential` or exhaustive), then the alternatives.
     pub(crate) fn all(sequential: bool) -> Vec<Self> {
         let others = [Self::OtherPair { sequential }, Self::Strict { sequential }];
         let asked: &[Self] =
@@ -77,7 +77,7 @@ impl Place {
         self.work.join("database.db")
     }
 
-    /// Path of COLMAP's database with the matches that `way` uses.
+    /// Returns the path of COLMAP's database with the matches that `way` uses.
     pub(crate) fn database(&self, way: Way) -> PathBuf {
         self.work.join(match way.matches() {
             Way::Exhaustive => "exhaustive.db",
@@ -86,7 +86,7 @@ impl Place {
         })
     }
 
-    /// Folder for the results of `way`. COLMAP writes the reconstructions to the subfolder `sparse` of this folder.
+    /// Returns the folder for the results of `way`. COLMAP writes reconstructions to the folder `sparse` in it.
     pub(crate) fn models(&self, way: Way) -> PathBuf {
         self.work.join(match way {
             Way::Exhaustive => "exhaustive",
@@ -97,7 +97,7 @@ impl Place {
     }
 }
 
-/// COLMAP command that extracts features on the CPU. `list`: file that names the photographs to read; `None`: all.
+/// Makes the command that extracts features on the CPU. `list`: file that names the photographs to read; `None`: all.
 pub(crate) fn features(place: &Place, list: Option<&Path>) -> Stage {
     let mut stage = extraction(&place.images, &place.features(), true);
     stage.options.extend(list.map(|list| ("--image_list_path", list.into())));
@@ -115,7 +115,7 @@ fn extraction(images: &Path, database: &Path, one_camera: bool) -> Stage {
     Stage { name: "feature_extractor", options, optional: Vec::new() }
 }
 
-/// COLMAP command that matches the features by `way`; `None` for `OtherPair`, which reuses matches.
+/// Makes the command that matches the features by `way`; `None` for `OtherPair`, which reuses matches.
 pub(crate) fn matching(place: &Place, way: Way) -> Option<Stage> {
     let (sequential, strict) = match way {
         Way::Exhaustive => (false, false),
@@ -137,7 +137,7 @@ fn matcher(database: &Path, sequential: bool) -> Stage {
     }
 }
 
-/// COLMAP command that reconstructs by `way`. `photographs`: number of photographs in the database.
+/// Makes the command that reconstructs by `way`. `photographs`: number of photographs in the database.
 pub(crate) fn mapping(place: &Place, way: Way, photographs: usize) -> Stage {
     let mut stage = mapper(&place.images, &place.database(way), &place.models(way).join("sparse"));
     match way {
@@ -160,7 +160,7 @@ fn mapper(images: &Path, database: &Path, models: &Path) -> Stage {
     Stage { name: "mapper", options, optional: Vec::new() }
 }
 
-/// COLMAP commands for a user to run by hand on `images`. `one_camera`: whether one camera has taken all photographs.
+/// Makes the three commands for a user to run by hand on `images`. `one_camera`: whether one camera took all of them.
 pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera: bool) -> [Stage; 3] {
     [extraction(images, database, one_camera), matcher(database, false), mapper(images, database, models)]
 }
@@ -176,7 +176,7 @@ impl Stage {
         self
     }
 
-    /// Arguments of `colmap` for this command. `help`: help text of the installed version, which lists its options.
+    /// Returns the arguments of `colmap`. `help`: the installed version's help text, which lists its options.
     pub(crate) fn arguments(&self, help: &str) -> Vec<OsString> {
         let named = |option: &'static str| {
             let newer = NEWER

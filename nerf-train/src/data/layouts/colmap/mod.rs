@@ -67,7 +67,7 @@ impl Encoding {
     }
 }
 
-/// Reconstructions in `sparse/0`, `sparse/1`…, `sparse` and `root` itself: folder and encoding of each.
+/// Finds the reconstructions in `sparse/0`, `sparse/1`…, `sparse` and `root` itself: folder and encoding of each.
 fn models(root: &Path) -> Vec<(PathBuf, Encoding)> {
     let sparse = root.join("sparse");
     let mut numbered: Vec<PathBuf> = crate::data::layouts::folders::entries(&sparse).unwrap_or_default();
@@ -80,7 +80,7 @@ pub(crate) fn is_here(root: &Path) -> bool {
     !models(root).is_empty()
 }
 
-/// Paths of the files of all reconstructions in `root`.
+/// Returns the paths of the files of all reconstructions in `root`.
 pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     let folders = models(root).into_iter().map(|(folder, _)| folder).chain([root.to_owned()]);
     let stems = ["cameras", "images", "points3D", "rigs", "frames"];
@@ -149,7 +149,7 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// Folder and encoding of the reconstruction with the most photographs; the first one if several have equally many.
+/// Returns folder and encoding of the (first) reconstruction with the most photographs; fails if there is none.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -173,8 +173,8 @@ fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), Data
     Ok((model, encoding))
 }
 
-/// Sparse points of the reconstruction in `folder`, relative to `origin`; may be empty. Points that no photograph sees
-/// are left out, with a warning.
+/// Reads the sparse points of the reconstruction in `folder`, relative to `origin`; may be empty. Points that no
+/// photograph sees are left out, with a warning.
 pub(crate) fn points_of(
     folder: &Path,
     origin: DVec3,
@@ -210,7 +210,7 @@ pub(crate) struct Facts {
     pub(crate) mean_error: f64,
 }
 
-/// Summary of the largest reconstruction in `folder`; `None` if there is none.
+/// Summarises the largest reconstruction in `folder`; `None` if there is none.
 pub(crate) fn facts(folder: &Path) -> Result<Option<Facts>, DatasetError> {
     if !is_here(folder) {
         return Ok(None);
@@ -251,7 +251,7 @@ struct Points {
 }
 
 impl Points {
-    /// Index in `kept` of each point, by its `POINT3D_ID`.
+    /// Returns the index in `kept` of each point, by its `POINT3D_ID`.
     fn numbers(&self) -> HashMap<u64, u32> {
         self.kept.iter().enumerate().map(|(place, &(number, _))| (number, place as u32)).collect()
     }
@@ -391,7 +391,7 @@ impl Reader<'_> {
     }
 }
 
-/// Rotation from camera to world, and camera position, in COLMAP's axes; `None` if the numbers give no pose.
+/// Returns rotation from camera to world, and camera position, in COLMAP's axes; `None` if the numbers give no pose.
 fn c2w(image: &Registered) -> Option<(DMat3, DVec3)> {
     let [w, x, y, z] = image.rotation;
     let rotation = DQuat::from_xyzw(x, y, z, w);

@@ -62,14 +62,14 @@ static KINDS: [Kind; 18] = {
 const EXPECTED: &str = "a camera model that there is a lens for: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, \
                         FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, SIMPLE_FISHEYE, FISHEYE";
 
-/// Perspective lens from the parameters `k1 k2 p1 p2 k3 k4 k5 k6`; missing parameters are 0.
+/// Makes a perspective lens from the parameters `k1 k2 p1 p2 k3 k4 k5 k6`; missing parameters are 0.
 fn radial_tangential(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
     let [k1, k2, p1, p2, k3, k4, k5, k6] = std::array::from_fn(at);
     Lens { k1, k2, p1, p2, k3, k4, k5, k6, projection: Projection::Perspective }
 }
 
-/// Fisheye lens from the parameters `k1 k2 k3 k4`; missing parameters are 0.
+/// Makes a fisheye lens from the parameters `k1 k2 k3 k4`; missing parameters are 0.
 fn fisheye(parameters: &[f64]) -> Lens {
     let at = |i: usize| parameters.get(i).map_or(0.0, |&value| value as f32);
     Lens { k1: at(0), k2: at(1), k3: at(2), k4: at(3), projection: Projection::Fisheye, ..Lens::NONE }
@@ -86,7 +86,7 @@ impl Kind {
 }
 
 impl Camera {
-    /// Camera of the camera model `kind`; `None` if this model has another number of parameters than `parameters`.
+    /// Makes a camera of the camera model `kind`; `None` unless `parameters` has as many numbers as this model needs.
     pub(crate) fn new(kind: &'static Kind, width: u64, height: u64, parameters: Vec<f64>) -> Option<Self> {
         (parameters.len() == kind.parameters).then_some(Self { kind, width, height, parameters })
     }
@@ -103,7 +103,7 @@ impl Camera {
         (self.width as f64, self.height as f64)
     }
 
-    /// Intrinsics and lens of the camera. Errors name `file` and the photograph `view`.
+    /// Returns intrinsics and lens of the camera. Errors name `file` and the photograph `view`.
     pub(crate) fn optics(&self, file: &Path, view: &str) -> Result<Optics, DatasetError> {
         let place = || format!("photograph `{view}`");
         let lens = self.kind.lens.ok_or_else(|| {

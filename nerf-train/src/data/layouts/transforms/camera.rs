@@ -37,7 +37,7 @@ impl Place<'_> {
         Ok(pose_of([0, 1, 2].map(|i| std::array::from_fn(|j| matrix[i][j])), origin))
     }
 
-    /// Width and height of the picture, pixels; `None` for a side that the json does not state.
+    /// Returns width and height of the picture, pixels; `None` for a side that the json does not state.
     pub(super) fn size(&self, fields: &CameraFields) -> Result<StatedSize, DatasetError> {
         for (name, side) in [("w", fields.w), ("h", fields.h)] {
             if side.is_some_and(|side| !(1.0..=1e6).contains(&side)) {
@@ -47,7 +47,7 @@ impl Place<'_> {
         Ok((fields.w, fields.h))
     }
 
-    /// Intrinsics and lens for a picture of `w` by `h` pixels; adds remarks to `notes`.
+    /// Returns intrinsics and lens for a picture of `w` by `h` pixels; adds remarks to `notes`.
     pub(super) fn optics(
         &self,
         fields: &CameraFields,
@@ -89,8 +89,8 @@ impl Place<'_> {
         }
     }
 
-    /// Lens of the view. In polynomial models, k4 is nerfstudio's coefficient of r^8; [`Lens`] has no such coefficient.
-    /// If k4 shifts the farthest corner by at most half a pixel, k4 is dropped, with a note; otherwise k4 is an error.
+    /// Returns the view's lens. In polynomial models, k4 is nerfstudio's coefficient of r^8, which [`Lens`] lacks. If
+    /// it shifts the farthest corner by at most half a pixel, k4 is dropped, with a note; otherwise k4 is an error.
     fn lens(
         &self,
         fields: &CameraFields,

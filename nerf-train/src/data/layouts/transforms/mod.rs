@@ -74,7 +74,7 @@ struct CameraFields {
 /// Values of `camera_model` that select polynomial distortion, or fisheye distortion if the field `is_fisheye` is true.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Shift of the farthest corner, pixels, up to which a polynomial lens's k4 is dropped; a k4 with more is an error.
+/// Shift of the farthest corner, pixels, up to which a polynomial lens's k4 is dropped; a larger shift is an error.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -90,12 +90,12 @@ impl Transforms {
         Ok(Self { header, frames, shared })
     }
 
-    /// Number of frames in the file, with or without a picture.
+    /// Returns the number of frames in the file, with or without a picture.
     pub(crate) fn len(&self) -> usize {
         self.frames.len()
     }
 
-    /// Positions of the cameras; frames whose matrix lacks rows or columns are left out.
+    /// Returns the positions of the cameras; frames whose matrix lacks rows or columns are left out.
     pub(crate) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
         self.frames.iter().filter_map(|(frame, _)| match frame.transform_matrix.as_slice() {
             [x, y, z, ..] => Some([*x.get(3)?, *y.get(3)?, *z.get(3)?]),
@@ -103,7 +103,7 @@ impl Transforms {
         })
     }
 
-    /// All views whose picture exists, in the file's order; adds notes and warnings to `found`.
+    /// Reads all views whose picture exists, in the file's order; adds notes and warnings to `found`.
     pub(crate) fn views(
         &self,
         file: &Path,
@@ -200,8 +200,8 @@ impl Transforms {
 /// Maximum size, bytes, of a file that is searched for NaN and Infinity after a parse error.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
-/// Error that names the first frame and field with NaN or Infinity. Many programs write these values, but JSON does not
-/// have them. `None` if parsing failed for another reason. `error`: the parse error of `bytes`, the content of `file`.
+/// Makes the error that names the first frame and field with NaN or Infinity, which programs write but JSON lacks.
+/// `None` if parsing failed for another reason. `error`: the parse error of `bytes`, the content of `file`.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
     // A larger file is no list of photographs, and its parsed form would take many times its size in memory.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;

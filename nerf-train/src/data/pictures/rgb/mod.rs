@@ -25,7 +25,7 @@ impl Picture {
         Ok(Self { width, height, rgb })
     }
 
-    /// A picture of one colour; empty if `width * height` overflows.
+    /// Makes a picture of one colour; empty if `width * height` overflows.
     pub fn filled(width: usize, height: usize, colour: [f32; 3]) -> Self {
         match width.checked_mul(height) {
             Some(pixels) => Self { width, height, rgb: vec![colour; pixels] },
@@ -33,7 +33,7 @@ impl Picture {
         }
     }
 
-    /// The colour at column `x`, row `y`; `None` outside of the picture.
+    /// Returns the colour at column `x`, row `y`; `None` outside of the picture.
     pub fn pixel(&self, x: usize, y: usize) -> Option<[f32; 3]> {
         (x < self.width).then(|| self.rgb.get(y.checked_mul(self.width)?.checked_add(x)?).copied())?
     }

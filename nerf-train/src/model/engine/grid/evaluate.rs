@@ -11,7 +11,7 @@ use nerf_core::network::EXPONENTIAL_LIMIT;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Largest number of samples of a ray in a wave. After each wave, rays of low transmittance end.
+/// Largest number of samples of each ray that are evaluated at once, in a wave. Then, rays of low transmittance end.
 const WAVE: usize = 8;
 
 /// State of one ray of the current chunk while its samples are evaluated.
@@ -27,7 +27,8 @@ pub(super) struct RayState {
     pub transmittance: f32,
 }
 
-/// Evaluated samples of a chunk, one row per sample in every buffer. Rows are in order of evaluation: wave after wave.
+/// Evaluated samples of a chunk, one row per sample in every buffer. Rows are in order of evaluation: the first eight
+/// samples of every ray, then the next eight, and so on.
 #[derive(Default)]
 pub(super) struct Evaluated {
     pub rays: Vec<RayState>,
@@ -52,7 +53,8 @@ impl Evaluated {
         Self { hidden: vec![Vec::new(); trunk], ..Self::default() }
     }
 
-    /// Evaluates sigma at the samples of `rays`, wave by wave. `first`: index in the batch of the rays' first sample.
+    /// Evaluates sigma at the samples of `rays`, eight samples of each ray at a time, until the ray's transmittance is
+    /// below `T_MIN`. `first`: index in the batch of the rays' first sample.
     pub fn densities(
         &mut self,
         job: &Job<'_>,

@@ -19,10 +19,10 @@ use std::time::Instant;
 
 /// Transmittance below which a ray ends (early ray termination).
 pub(super) const T_MIN: f32 = 1e-3;
-/// Without Russian roulette, samples with at most this compositing weight are neither coloured nor trained.
+/// Compositing weight up to which, without Russian roulette, a sample is neither coloured nor trained.
 pub(super) const GATE: f32 = 1e-3;
-/// With Russian roulette ([`Batch::roulette`]), a sample with at most this compositing weight is kept with probability
-/// weight / `ROULETTE_WEIGHT`. A kept sample's weight is then divided by that probability.
+/// Compositing weight up to which Russian roulette ([`Batch::roulette`]) keeps a sample with probability weight /
+/// `ROULETTE_WEIGHT`. A kept sample's weight is then divided by that probability.
 pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
 /// Smallest display-encoded value of a photograph's channel that [`clipped_error`] treats as clipped at white.
@@ -150,7 +150,8 @@ impl Scratch {
         }
     }
 
-    /// Returns the sum of squared errors. Sets `by_shown`, `by_transmittance`, and `by_weight` for all other losses.
+    /// Returns the weighted sum of squared errors. Sets `by_shown`, `by_transmittance`, and `by_weight` without the
+    /// squared error's part: only the gradients of the distortion, smoothness and depth losses.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         let read = (&self.evaluated, &self.samples);
@@ -186,7 +187,7 @@ impl Scratch {
         squared
     }
 
-    /// Writes the gradient of the distortion loss with respect to each kept sample's weight to `by_weight`.
+    /// Writes the gradient of the distortion loss with respect to each kept sample's compositing weight to `by_weight`.
     fn distort(&mut self, batch: &Batch) {
         let Self { samples, evaluated, by_weight, gaps, .. } = self;
         let kept = samples.len();

@@ -1,8 +1,8 @@
 //! The reference engine of grid fields: table entries are gathered from a dfdx tensor, and dfdx's tape differentiates.
 //!
-//! Loss and gradients of [`GridEngine`](super::GridEngine) by the simplest code. The samples that get gradients are chosen
-//! without a tape; the transmittance through the others is a constant. Differences: the density of every sample is
-//! evaluated, also behind the end of a ray, and pixels clipped at white are treated as all others.
+//! Loss and gradients of [`GridEngine`](super::GridEngine) by the simplest code. The samples that get gradients are
+//! chosen without a tape; the transmittance through the others is a constant. Differences: the density of every sample
+//! is evaluated, also behind the end of a ray, and pixels clipped at white are treated as all others.
 
 mod forward;
 mod terms;

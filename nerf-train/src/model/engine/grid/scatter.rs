@@ -87,7 +87,8 @@ pub(super) struct LevelState<'a> {
 pub(super) struct LevelSum {
     /// Gradient, `[entries][features]`, padded to whole parts of [`PART`] values and by one more part.
     gradient: Vec<f32>,
-    /// For each part: whether a written pair of adjacent entries begins in it. The pair may end in the next part.
+    /// For each part of `gradient`: whether gradients were added to a pair of adjacent entries that begins in the part.
+    /// The pair may end in the next part.
     touched: Vec<bool>,
 }
 

@@ -58,9 +58,9 @@ pub(super) struct Shade {
 struct Row {
     ray: usize,
     samples: Range<usize>,
-    /// Opacity A: the sum of the weights.
+    /// Opacity A of the ray: the sum of its compositing weights.
     opacity: f32,
-    /// dL/dA at constant mean features P.
+    /// Gradient dL/dA of the loss with respect to the opacity, at constant mean features P.
     by_opacity: f32,
 }
 

@@ -33,7 +33,7 @@ const NEAREST: f32 = 1e-3;
 pub(super) struct Triple {
     /// Index in the batch of the first ray; the other two come directly after it.
     pub first: usize,
-    /// Factors `f_k` of the three disparities: `r = Σ_k f_k D_k`.
+    /// Factors `f_k` of the three rays' disparities `D_k` in the residual `r = Σ_k f_k D_k`, which is 0 on a plane.
     pub factors: [f32; 3],
     /// Weight of the triple in the batch's loss: `exp(−20 e)` · weight of the smoothness loss / number of rays.
     pub weight: f32,

@@ -201,7 +201,7 @@ fn in_script(json: &str) -> String {
     printable::json(json).replace('<', "\\u003c")
 }
 
-/// A display-encoded colour as `#rrggbb`.
+/// Returns a display-encoded colour as `#rrggbb`.
 fn css(colour: [f32; 3]) -> String {
     let [r, g, b] = colour.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8);
     format!("#{r:02x}{g:02x}{b:02x}")

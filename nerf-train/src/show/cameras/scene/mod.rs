@@ -73,8 +73,8 @@ pub struct Axes {
 }
 
 impl Scene {
-    /// Scene with the requested cameras, and with the rays that the training step would draw. Their samples are tested
-    /// against the occupancy grid that training starts with.
+    /// Creates the scene with the requested cameras, and with the rays that the training step would draw. Their samples
+    /// are tested against the occupancy grid that training starts with.
     pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> anyhow::Result<Self> {
         let Request { views, split, step, .. } = *request;
         if views.is_empty() {
@@ -127,7 +127,7 @@ impl Scene {
         Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes, findings })
     }
 
-    /// Outline of the scene as polylines, world units: edges of the scene box; if unbounded, circles at the inner ball.
+    /// Returns the outline of the scene box or, if the scene is unbounded, of the inner ball: polylines, world units.
     pub fn outline(&self) -> Vec<Vec<Vec3>> {
         const EDGE: usize = 8;
         const CIRCLE: usize = 64;
@@ -156,7 +156,7 @@ impl Scene {
         0.5 * (self.bounds.scene_box.min + self.bounds.scene_box.max)
     }
 
-    /// Direction from the scene to a viewpoint that shows the cameras from the side, at `elevation` degrees.
+    /// Returns the direction from the scene to a viewpoint that shows the cameras from the side. `elevation`: degrees.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
         // Cameras inside an unbounded scene may look outward: behind is then opposite to the viewing direction.
@@ -172,8 +172,8 @@ impl Scene {
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Range of `t`, the distance along a ray, that the colours cover; world units. From the smallest to the largest
-    /// `t` of samples in occupied cells; if there are no two different values, from near to far of `self.bounds`.
+    /// Returns the range of `t`, the distance along a ray, that the colours cover, world units: from smallest to
+    /// largest `t` of samples in occupied cells or, without two different values, from near to far of `self.bounds`.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =
@@ -198,7 +198,7 @@ impl Scene {
         }
     }
 
-    /// Sentence with the numbers of rays and samples, near and far, the extent of the scene and the unit of length.
+    /// Returns a sentence about the numbers of rays and samples, near, far, the scene's extent and the unit of length.
     pub fn facts(&self) -> String {
         let s = &self.step;
         let of = match self.alone {
@@ -249,7 +249,7 @@ impl Scene {
 }
 
 impl ShownCamera {
-    /// Corners of the camera's picture at distance `z` along the view axis, world units: clockwise from top left.
+    /// Returns the corners of the picture at depth `z` along the view axis: world units, clockwise from top left.
     pub fn corners(&self, z: f32) -> [Vec3; 4] {
         let i = self.camera.intrinsics();
         let (w, h) = (i.width as f32, i.height as f32);
@@ -274,19 +274,19 @@ impl Axes {
         Self { origin, length: round_length(0.6 * size.max_element()) }
     }
 
-    /// Length of the axes in words, for example "1 world unit long".
+    /// Returns the length of the axes in words, for example "1 world unit long".
     pub fn length_in_words(&self) -> String {
         let plural = if self.length == 1.0 { "" } else { "s" };
         format!("{} world unit{plural} long", self.length)
     }
 
-    /// End point of the drawn axis that begins at `origin` and has the direction `unit`; world coordinates.
+    /// Returns the end point of the drawn axis that begins at `origin` and has the direction `unit`; world coordinates.
     pub fn tip(&self, unit: Vec3) -> Vec3 {
         self.origin + self.length * unit
     }
 }
 
-/// Depth of the frusta, world units: small enough that they neither hide each other nor reach into the scene.
+/// Returns the frusta's depth, world units: small enough that they neither hide each other nor reach into the scene.
 fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     let before_scene = 0.5 * if bounds.near > 0.0 { bounds.near } else { 0.25 * bounds.far };
     let positions: Vec<Vec3> = cameras.iter().map(|c| c.camera.pose().position).collect();
@@ -308,7 +308,7 @@ fn frustum_length(cameras: &[ShownCamera], bounds: &Bounds) -> f32 {
     (0.7 * spacing / width).clamp(least, most)
 }
 
-/// World axis (±x, ±y or ±z) that is nearest to the mean of the cameras' up directions; +z if the mean is 0.
+/// Returns the world axis (±x, ±y, ±z) that is nearest to the mean of the cameras' up directions; +z if the mean is 0.
 fn nearest_axis(views: &[View]) -> Vec3 {
     let mean: Vec3 = views.iter().map(|view| view.camera.pose().rotation.y_axis).sum();
     let axes = [Vec3::Z, Vec3::Y, Vec3::X, Vec3::NEG_Z, Vec3::NEG_Y, Vec3::NEG_X];
@@ -316,14 +316,14 @@ fn nearest_axis(views: &[View]) -> Vec3 {
     axes.into_iter().rev().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
 }
 
-/// The largest of 1, 2 or 5 times a power of ten that is at most `length`.
+/// Returns the largest of 1, 2 or 5 times a power of ten that is at most `length`.
 fn round_length(length: f32) -> f32 {
     let magnitude = 10f32.powf(length.log10().floor());
     let fits = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * magnitude).find(|&round| round <= length);
     fits.unwrap_or(length)
 }
 
-/// A length with at most three decimals.
+/// Returns a length with at most three decimals.
 fn short(value: f32) -> String {
     let text = format!("{value:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

@@ -4,7 +4,7 @@ use crate::measure::point::Clock;
 use crate::show::plot::{Marker, Series};
 use std::path::Path;
 
-/// Pareto front in the points.csv at `path`: PSNR over wall or CPU seconds per view, named after the file's folder.
+/// Reads a Pareto front, named after its folder, from the points.csv at `path`: PSNR over wall or CPU seconds per view.
 pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
     let refused = |found: String| {
         anyhow::anyhow!("--beside: {}: expected the points.csv of a study, found {found}", path.display())

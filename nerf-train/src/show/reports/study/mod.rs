@@ -14,8 +14,8 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest loss of PSNR, dB, of a point that counts for the span of a Pareto front. The span is the speed-up of the
-/// fastest of these points. Loss and speed-up are relative to the exact rendering.
+/// Largest loss of PSNR, dB, at which a point counts for the span of a Pareto front. The span is the speed-up of the
+/// fastest such point. Loss and speed-up are relative to the exact rendering.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Data, machine and duration of a study, for its report.
@@ -50,14 +50,14 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// Speed-up of the fastest point that `keep` accepts and that loses at most [`SPAN_LOSS_DB`], relative to the exact
-    /// rendering; and index of this point. `None` if there is no such point.
+    /// Returns the speed-up of the fastest point that `keep` accepts and that loses at most [`SPAN_LOSS_DB`], relative
+    /// to the exact rendering; and index of this point. `None` if there is no such point.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))
     }
 
-    /// Plot of PSNR over seconds per view: points coloured by file size, and the front through numbered points.
+    /// Plots PSNR over seconds per view: points coloured by file size, and the Pareto front through numbered points.
     fn plot(&self, setting: &Setting<'_>) -> LinePlot {
         let clock = self.study.effort.clock;
         let name = if clock == Clock::Wall { "seconds a view" } else { "CPU seconds a view" };

@@ -15,7 +15,7 @@ pub fn table(findings: &Findings<'_, '_, '_>) -> Table {
     table
 }
 
-/// Cells of the table's row for point `i`, each with the name of its column.
+/// Returns the cells of the table's row for point `i`, each with the name of its column.
 fn row(findings: &Findings<'_, '_, '_>, i: usize) -> Vec<(&'static str, String)> {
     let (point, t, lab) = (&findings.study.points[i], &findings.totals[i], findings.study.lab);
     let origin = match point.origin {

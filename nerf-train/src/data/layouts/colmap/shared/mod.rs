@@ -80,7 +80,7 @@ pub(super) fn settle(
     Ok(true)
 }
 
-/// Device index of each photograph, by picture size and EXIF tags; `None` if no device has several cameras to merge.
+/// Returns each photograph's device index, by picture size and EXIF; `None` if no device has several cameras to merge.
 fn devices(model: &Model, folders: &Folders, options: &ReadOptions) -> Option<Vec<usize>> {
     if model.cameras.len() < 2 {
         return None;
@@ -238,7 +238,7 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Adds the points that several photographs show to `bundle`, with their observations. Returns the points' ids.
+/// Adds to `bundle` the points that several photographs show, with their observations. Returns each `POINT3D_ID`.
 fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     let places = points.numbers();
     let mut photographs = vec![(usize::MAX, false); points.kept.len()];
