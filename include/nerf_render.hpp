@@ -426,8 +426,8 @@ struct camera : detail::sized<nerf_camera> {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
     }
 
-    /// Makes a camera from a renderer's own matrices: a world-to-eye rotation and translation, and a perspective
-    /// projection along -Z, whose near and far planes are ignored. Other matrices give NERF_STATUS_CAMERA.
+    /// Makes a camera from the matrices of a host's renderer, column by column: a world-to-eye rotation and translation,
+    /// and a perspective projection along -Z. Its near and far planes are ignored. Others give NERF_STATUS_CAMERA.
     static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view_column_major,
                                         span<const float> projection_column_major) noexcept {
         if (view_column_major.size() != 16 || projection_column_major.size() != 16) {
@@ -708,7 +708,7 @@ struct pace : detail::sized<nerf_pace> {
 
 class worker;
 
-/// An opened scene or 2D field, with its memory. Movable.
+/// Owner of an opened scene or 2D field and of its memory. Movable. A default-constructed object holds no scene.
 class scene {
 public:
     scene() noexcept = default;

@@ -31,9 +31,9 @@
 //! | [`camera::Ray::dir`] | unit length, so `t`, `near` and `far` are world units **along the ray** |
 //! | `ray_distance` | weighted mean of the samples' `t`, world units along the ray |
 //! | `z_depth` | `ray_distance` times the cosine between ray and view axis |
-//! | `median_distance` | first `t` at which the transmittance is below one half, else `far` |
+//! | `median_distance` | first `t` at which the transmittance is below one half, else the background distance |
 //! | `normal` | weighted mean of −∇sigma/\|∇sigma\|, world space, scaled to unit length: points towards lower density |
-//! | no surface | if `opacity <=` [`volume::OPACITY_EPSILON`], `ray_distance` and `z_depth` are `far`, and the normal is 0 |
+//! | no surface | if `opacity <=` [`volume::OPACITY_EPSILON`], `ray_distance` and `z_depth` are the background distance, and the normal is 0 |
 //! | `sigma` | density, `>= 0`, per world unit |
 //! | `alpha` | `−expm1(−sigma delta)`: fraction of the light that one bin absorbs |
 //! | `transmittance` | `exp(−Σ sigma delta)` over the bins in front; the sum is a compensated sum (Kahan) |
@@ -42,7 +42,9 @@
 //! | samples, scene with a fixed step | at equal steps, from the point where the ray enters the box |
 //! | samples, scene with n bins | one in each bin. The width of a bin is (far − near) / n, and one bin begins at near. The bins cover the ray wherever it is inside the box, also before near and beyond far. With a proposal network, they cover only near to far |
 //! | samples, unbounded scene | from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
-//! | `far` | distance that is output for pixels without a surface, the same for all pixels of a camera ([`Plan::far_from`]): the scene's far or, if larger, the camera's distance from the farthest corner of the box. With bins that cover only near to far: the scene's far. Unbounded scenes: the scene's far plus the camera's distance from the middle of the inner ball |
+//! | background distance | the same for all pixels of a camera ([`Plan::far_from`]): far or, if larger, the camera's distance from the farthest corner of the box |
+//! | background distance with a proposal network | far |
+//! | background distance, unbounded scene | far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length; in a scene with a fixed step, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
 //! | 2D field (network fitted to an image) | x right, y down, each from 0 to 1 over the image, for any aspect ratio; pixel (x, y) is ((x + ½) / width, (y + ½) / height) |

@@ -63,8 +63,8 @@ versioned!(unsafe PaceRequest, "request", by_width(32, 56));
 /// `size` and `align`, bytes, are written on success only. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
-/// the scene or its file's bytes.
+/// Each pointer is NULL or points to an object of its type. The memory of `request->scene` and its file's bytes have
+/// not been freed, moved or overwritten.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_pace_workspace_size(
     request: *const PaceRequest,
@@ -95,8 +95,8 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
 /// `struct_size`. `message`: NULL, or a buffer for an error message.
 ///
 /// # Safety
-/// Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
-/// the scene or its file's bytes.
+/// Each pointer is NULL or points to an object of its type. The memory of `request->scene` and its file's bytes have
+/// not been freed, moved or overwritten.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn nerf_pace_measure(
     request: *const PaceRequest,

@@ -1,4 +1,4 @@
-//! Panic handler of a library built without std for a host that is not a Rust program.
+//! Panic handler of builds without std for C hosts: calls the host's `nerf_panicked`.
 
 use core::panic::PanicInfo;
 

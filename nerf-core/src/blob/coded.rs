@@ -1,9 +1,9 @@
 //! Entropy coding of int8 tables: rANS with adaptive models, as `docs/blob-format.md` specifies.
 //!
 //! A value is coded as two symbols of 4 bits. Previous values select the probability model of the next symbol. The
-//! model then adapts to that symbol. Files therefore hold no probabilities. Each step of decoding is invertible.
-//! Decoding therefore ends in the encoder's initial state, with no bytes left, if and only if an encoder wrote the
-//! bytes.
+//! model then adapts to that symbol. Files therefore hold no probabilities. Bytes are damaged if decoding does not end
+//! in the encoder's initial state with no bytes left. This check is complete, because each step is invertible: bytes
+//! that pass are the bytes that the encoder writes for the decoded values.
 //!
 //! # Source
 //! Duda 2013, "Asymmetric numeral systems", arXiv:1311.2540. Models are updated as in Giesen, "Mixing discrete

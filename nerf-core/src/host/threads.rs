@@ -56,7 +56,8 @@ pub fn render(
 /// [`Worker::render_rays`]: crate::render::Worker::render_rays
 ///
 /// # Errors
-/// As [`Worker::render_rays`], and [`RenderError::OtherScene`] if the plan was made for another scene.
+/// As [`Worker::render_rays`], [`RenderError::OtherScene`] if the plan was made for another scene, and
+/// [`RenderError::ImageMemory`] if there is not enough memory for the pixels.
 pub fn render_rays(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -64,7 +65,7 @@ pub fn render_rays(
     axis: Option<Vec3>,
     threads: NonZeroUsize,
 ) -> Result<(Vec<Pixel>, Counters), RenderError> {
-    let mut found = vec![Pixel::BLANK; rays.len()];
+    let mut found = plane(rays.len(), 1, Pixel::BLANK)?;
     let lines = renderer.workspace_lines(plan);
     let chunks = (0..rays.len()).step_by(CHUNK as usize);
     let threads = threads.min(NonZeroUsize::new(chunks.len()).unwrap_or(NonZeroUsize::MIN));
@@ -145,8 +146,9 @@ fn each<T, I: Iterator, F: FnMut(T)>(
     }
 }
 
-/// Runs `work` on `threads` threads, including the calling thread, and returns the sum of the counters. The threads
-/// share one mutex around `tasks` and `take`. `take` receives the results of the tasks in any order.
+/// Calls `work` once on each of `threads` threads, including the calling thread, and returns the sum of the counters.
+/// All calls share one mutex around `tasks`, from which a thread takes its next task, and `take`, which receives the
+/// results, in any order.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

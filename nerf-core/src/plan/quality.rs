@@ -188,9 +188,9 @@ names! {
     pub enum Preset {
         /// 0 dB: PSNR not below that of the exact rendering.
         Exact = "exact",
-        /// PSNR at most 0.01 dB below that of the exact rendering: no visible difference.
+        /// PSNR against photographs at most 0.01 dB below that of the exact rendering: no visible difference.
         High = "high",
-        /// PSNR at most 0.1 dB below that of the exact rendering.
+        /// PSNR against photographs at most 0.1 dB below that of the exact rendering.
         Balanced = "balanced",
         /// PSNR at most 0.3 dB below that of the exact rendering.
         Fast = "fast",

@@ -21,7 +21,7 @@ pub enum Purpose {
     /// Point of the lens aperture through which a ray passes.
     Aperture = 8,
     /// Russian roulette: choice of the samples of low weight that are trained on.
-    Faint = 9,
+    Roulette = 9,
     /// Direction and spacing of a line of pixels, whose rays are trained with the smoothness loss.
     Line = 10,
 }

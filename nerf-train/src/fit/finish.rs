@@ -24,7 +24,7 @@ use std::time::Instant;
 const SHOWN_VIEWS: usize = 4;
 /// Intended number of pixels from which each training photograph is scored.
 const TRAINING_PIXELS: usize = 1000;
-/// Largest number of pixels from which all training photographs together are scored.
+/// Maximum number of pixels, over all training photographs, from which the photographs are scored.
 const MAX_TRAINING_PIXELS: usize = 120_000;
 
 #[derive(Clone, Debug)]

@@ -17,7 +17,7 @@ const WRITING: [f64; 2] = [0.1, 0.5];
 const PIXELS_A_VIEW: u64 = 40_000;
 /// Number of pixels of a view on which the seconds per pixel are first measured.
 const PROBED_PIXELS: u64 = 100;
-/// Safety factor on estimated times, which are extrapolated from earlier work.
+/// Safety factor on estimated times, which are extrapolated from times measured earlier in the run.
 const MARGIN: f64 = 1.15;
 
 /// Measured times of rendering and exporting, and the time limit of the run.

@@ -135,7 +135,7 @@ pub struct Evaluation {
 
 impl Evaluation {
     /// Renders `views` with `plan`, and compares each with its photograph, as [`evaluate`] does. `bytes`: scene file of
-    /// `plan`; `split`: name of the views' split; `points`: sparse points, to which surfaces are compared. `each` is
+    /// `plan`; `split`: name of the views' split; `points`: sparse points, to which rendered depths are compared. `each` is
     /// called with every view, its frame and score, in order.
     pub fn of<'v>(
         bytes: &[u8],

@@ -76,7 +76,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Returns the memory for field `member`'s `h` at the sample in the current bin of ray `ray`.
+    /// Returns the memory for the composited features `h` of field `member`, of ray `ray`'s sample in the current bin.
     pub fn h_mut(&mut self, member: usize, ray: usize) -> &mut [f32] {
         let range = self.h(member, ray);
         self.parts.get_mut(range).unwrap_or_default()

@@ -17,16 +17,16 @@ pub(in crate::render) struct Window {
     /// Index of the first bin after the window.
     end: u32,
     /// Bit `i`: whether the sample of bin `end − 16 + i` is in an occupied cell.
-    live: u32,
+    occupied: u32,
 }
 
 impl Window {
-    pub const NONE: Self = Self { end: 0, live: 0 };
+    pub const NONE: Self = Self { end: 0, occupied: 0 };
 
     /// Returns the index of the window's first occupied bin at or after bin `from`; `None` if there is none.
     #[inline]
     pub fn left(&self, from: u32) -> Option<u32> {
-        let left = if from < self.end { self.live >> (from + WIDTH - self.end) } else { 0 };
+        let left = if from < self.end { self.occupied >> (from + WIDTH - self.end) } else { 0 };
         (left != 0).then(|| from + left.trailing_zeros())
     }
 }
@@ -63,21 +63,21 @@ impl LookUp<'_> {
         if from >= end {
             return end;
         }
-        let mut found = Window { end: from, live: 0 };
-        while found.live == 0 && found.end < end {
+        let mut found = Window { end: from, occupied: 0 };
+        while found.occupied == 0 && found.end < end {
             let from = self.candidates.next(found.end).min(end);
-            let live = if from < end { self.live(lanes, from) } else { 0 };
-            found = Window { end: from + WIDTH, live };
+            let occupied = if from < end { self.occupied(lanes, from) } else { 0 };
+            found = Window { end: from + WIDTH, occupied };
         }
         *window = found;
-        end.min(found.end - WIDTH + found.live.trailing_zeros())
+        end.min(found.end - WIDTH + found.occupied.trailing_zeros())
     }
 
     /// Looks up the bins of one window, from `first` on. Bit `i` of the result: whether bin `first + i` is occupied.
     #[inline(always)]
-    fn live<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
+    fn occupied<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;
-        let mut live = 0;
+        let mut occupied = 0;
         let whole = bins.whole_up_to(first + WIDTH - 1);
         if let Some(contraction) = self.contraction {
             let [near, far] = [first, first + WIDTH - 1].map(|bin| bins.at(bin, 0.5));
@@ -89,27 +89,27 @@ impl LookUp<'_> {
                 } else {
                     contraction.contract_lanes(points_at(ray, contraction.distance_lanes(t)))
                 };
-                live |= lanes.occupied(points) << from;
+                occupied |= lanes.occupied(points) << from;
             }
             // No point is outside: the contraction maps all of space into the box.
-            return live;
+            return occupied;
         }
         for from in (0..WIDTH).step_by(V::COUNT) {
             let points = points_at::<V>(ray, bins.middles(first + from, whole));
-            live |= lanes.occupied(points) << from;
+            occupied |= lanes.occupied(points) << from;
         }
         // A point outside the box is looked up in a cell at a face. If all these cells are empty, no bin needs
         // the test below.
-        if live == 0 || self.inner {
-            return live;
+        if occupied == 0 || self.inner {
+            return occupied;
         }
         // Rounding preserves order: a point between two points inside the box is inside, too.
         let inside = |i: u32| occupancy.bounds.contains(ray.at(bins.at(first + i, 0.5)));
         if !(inside(0) && inside(WIDTH - 1)) {
             for i in 0..WIDTH {
-                live &= !(u32::from(!inside(i)) << i);
+                occupied &= !(u32::from(!inside(i)) << i);
             }
         }
-        live
+        occupied
     }
 }

@@ -135,7 +135,8 @@ impl DirectionShares<'_> {
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)
     }
 
-    /// Computes `values` from the directions of `rays`. Overwrites `scratch` and `dirs`, a buffer `[3][block]`.
+    /// Computes `values`, what the colour network takes of the directions of `rays`. Overwrites `scratch` and `dirs`, a
+    /// buffer `[3][block]`.
     pub fn fill(
         &mut self,
         field: Field<'_>,

@@ -19,8 +19,8 @@ const ROWS: usize = 4;
 /// Stage that composites a block of samples and picks the samples whose colour or normal is evaluated.
 pub(in crate::render) struct Compositing<'w> {
     /// Four rows, `[4][samples]`: optical thickness in front of each sample, distance, opacity, and transmittance
-    /// behind each sample. [`Absorb`] computes the last two in place from optical thicknesses. Empty in builds without
-    /// vectors.
+    /// behind each sample. The last two rows first hold optical thicknesses, which [`Absorb`] replaces. Empty in builds
+    /// without vector instructions.
     rows: &'w mut [f32],
     /// Indices of the block's columns whose colour or normal is evaluated, ascending: `[samples]`. Empty if neither
     /// colour nor normals are requested.

@@ -94,8 +94,8 @@ impl Conduct {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Checks the options, and the paths of `claims` together with the checkpoint's path. Then creates the folders of
-    /// the outputs. Returns the path of the checkpoint; `None` if the output file is a device.
+    /// Checks the options, and that no path of `claims` and no checkpoint overwrites another file. Then creates the
+    /// folders of the outputs. Returns the path of the checkpoint; `None` if the output file is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
         // An infinite interval is valid: no checkpoint is written during training.

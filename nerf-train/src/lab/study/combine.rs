@@ -55,7 +55,7 @@ fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
 mod tests {
     use super::*;
 
-    /// Choices of a knob. `set`: writes a value of the knob into settings. `rows`: value, loss of PSNR in dB, cost.
+    /// Returns choices of the knob `name`. `set`: writes a value of it into settings. `rows`: value, loss in dB, cost.
     fn choices(name: &str, set: fn(&mut Settings, f32), rows: &[(f32, f64, f64)]) -> Choices {
         let knob = KNOBS.iter().position(|knob| knob.name == name).expect("a knob");
         let row = |&(value, loss_db, cost): &(f32, f64, f64)| {

@@ -1,4 +1,5 @@
-//! Passes of a study. A pass renders points (choices of settings) on views. All passes include the timing views.
+//! Passes of a study. A pass renders points (choices of settings) on views. Times are measured on a few of the views, the
+//! timing views, which every pass renders.
 //!
 //! ```text
 //! pass 1   every view:      exact, base, each knob on its own        slow settings on the timing views only
@@ -34,7 +35,8 @@ pub const BLOB_LOSS_DB: f64 = 3.0;
 /// Loss of PSNR against the exact rendering, dB. Points of a blob's Pareto front that lose at most this do not march in
 /// longer steps than training did, because the loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Maximum number of combinations of all knobs, and also of combinations of only the knobs that a blob stores.
+/// Maximum number of combinations of all knobs. The same maximum applies to combinations of only the knobs that a blob
+/// stores.
 const COMBINATIONS: usize = 12;
 /// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;

@@ -7,7 +7,7 @@ use crate::measure::frame::{self, Frame};
 use crate::measure::point::{Precision, Settings};
 use crate::model::export::{Contents, Tables, export};
 use crate::model::quantise::{Quantised, TableStorage, values_of};
-use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
+use crate::train::occupancy::{DensityQuery, Occupancy, OccupiedCells};
 use anyhow::Context;
 use nerf_core::Kernel;
 use nerf_core::blob::{
@@ -38,7 +38,7 @@ pub struct Variant {
 pub struct Variants<'b> {
     pub blob: Blob<'b>,
     pub scene: SceneFacts,
-    cells: Option<LiveCells>,
+    cells: Option<OccupiedCells>,
     pub variants: Vec<Variant>,
     /// The f32 weights that the blob's weights were rounded from, in the same order; `None` if not available.
     pub source: Option<Vec<f32>>,
@@ -186,7 +186,7 @@ impl<'b> Variants<'b> {
         Body {
             architecture: self.blob.architecture().clone(),
             content: Content::Scene(self.scene.clone()),
-            occupancy: self.cells.as_ref().map(LiveCells::stored),
+            occupancy: self.cells.as_ref().map(OccupiedCells::stored),
             front: heapless::Vec::new(),
             proposal: self.blob.proposal().cloned(),
             provenance: self.blob.provenance().clone(),
@@ -293,11 +293,11 @@ impl Bench<'_, '_> {
     }
 }
 
-fn cells(blob: &Blob<'_>) -> Option<LiveCells> {
+fn cells(blob: &Blob<'_>) -> Option<OccupiedCells> {
     let (occupancy, bounds) = blob.occupancy().zip(blob.scene_box())?;
     let count: u32 = occupancy.resolution().iter().map(|&side| u32::from(side)).product();
     let live = (0..count).filter(|&cell| occupancy.bit(cell as usize));
-    Some(LiveCells::of(bounds, occupancy.resolution(), live))
+    Some(OccupiedCells::of(bounds, occupancy.resolution(), live))
 }
 
 pub fn written(body: &Body<'_>) -> Result<Vec<u8>, BlobError> {

@@ -52,7 +52,7 @@ use crate::measure::eval::{OCCUPANCY_LOSS_DB, Scores, measure};
 use crate::measure::metrics::gain_db;
 use crate::model::export::{Coarse, Contents, Exported, Tables, export_with};
 use crate::system::progress::{Progress, ProgressStyle, say};
-use crate::train::occupancy::{DensityQuery, LiveCells};
+use crate::train::occupancy::{DensityQuery, OccupiedCells};
 use nerf_core::Kernel;
 use nerf_core::blob::{Content, Provenance};
 use nerf_core::network::Architecture;
@@ -92,7 +92,7 @@ pub struct Views {
 pub enum Occupancy {
     /// The grid that the network was trained with.
     Given {
-        cells: LiveCells,
+        cells: OccupiedCells,
         /// Whether the user says that the grid is not part of the model: it is then never required for rendering.
         optional: bool,
     },
@@ -139,7 +139,7 @@ pub struct Import<'a> {
     parameters: Vec<f32>,
     /// The coarse network, and its parameters in the order of a blob's weights.
     coarse: Option<(Imported, Vec<f32>)>,
-    pub cells: Option<LiveCells>,
+    pub cells: Option<OccupiedCells>,
     occupancy_required: bool,
     /// PSNR gained by view dependence, dB, and whether view dependence is kept; `None` if not measured.
     direction: Option<(f64, Verdict)>,
@@ -202,7 +202,7 @@ impl<'a> Import<'a> {
     }
 
     /// Returns the occupancy grid built from the network's densities; `None` if no cell is occupied.
-    fn built(&self) -> Option<LiveCells> {
+    fn built(&self) -> Option<OccupiedCells> {
         let Request { settings, kernel, style, .. } = self.request;
         say(style, "building the occupancy grid from the network's densities");
         let (architecture, parameters) = (&self.architecture, self.parameters.as_slice());

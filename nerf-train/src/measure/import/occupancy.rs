@@ -3,7 +3,7 @@
 use super::refused;
 use super::settings::Settings;
 use crate::data::layouts::npz::read_npy;
-use crate::train::occupancy::{DensityQuery, LiveCells, Occupancy};
+use crate::train::occupancy::{DensityQuery, Occupancy, OccupiedCells};
 use nerf_core::blob::MAX_OCCUPANCY_RESOLUTION;
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use std::path::Path;
 const MAX_ARRAY_BYTES: u64 = 8 << 27;
 
 /// Reads an occupancy grid of the scene box: a `.npy` array `[x, y, z]` of booleans, or of zeros and ones.
-pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
+pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<OccupiedCells> {
     let place = format!("{}: occupancy grid", file.display());
     let fail = |expected: String, found: String| Err(refused(&place, expected, found));
     let array = read_npy(file, Some(MAX_ARRAY_BYTES))?;
@@ -27,7 +27,7 @@ pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
         return fail("truths, or zeros and ones".into(), format!("{} at index {index}", numbers[index]));
     }
     let live = numbers.iter().enumerate().filter(|&(_, &cell)| cell != 0.0).map(|(index, _)| index as u32);
-    let cells = LiveCells::of(settings.bounds(), [*x, *y, *z], live);
+    let cells = OccupiedCells::of(settings.bounds(), [*x, *y, *z], live);
     if cells.lookup().occupied_share() == 0.0 {
         return fail("at least one occupied cell".into(), "none".into());
     }
@@ -35,7 +35,7 @@ pub fn read(file: &Path, settings: &Settings) -> anyhow::Result<LiveCells> {
 }
 
 /// Builds the grid of cells in which the density exceeds `threshold`, 1/world unit; `None` if no cell is occupied.
-pub fn build(settings: &Settings, ask: &DensityQuery<'_>, threshold: f32) -> Option<LiveCells> {
+pub fn build(settings: &Settings, ask: &DensityQuery<'_>, threshold: f32) -> Option<OccupiedCells> {
     let cells =
         Occupancy::asked(settings.bounds(), settings.occupancy_resolution, ask, threshold).into_live();
     (cells.lookup().occupied_share() > 0.0).then_some(cells)

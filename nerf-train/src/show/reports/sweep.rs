@@ -180,7 +180,7 @@ fn curves(records: &[Record], knob: Knob, x: impl Fn(&Record) -> f64) -> Vec<Ser
     curves.into_iter().map(series).collect()
 }
 
-/// Returns two curves over `knob`, in place of too many: best and mean PSNR of the runs for each value of `knob`.
+/// Returns two curves over `knob`, for plots with too many single curves: best and mean PSNR of the runs at each value.
 fn summarised(records: &[Record], knob: Knob) -> Vec<Series> {
     let of_value =
         |value: f64| drawn(records).filter(move |(r, _)| r.point.get(knob) == Some(value)).map(|(_, db)| db);

@@ -34,14 +34,14 @@ const UNKNOWN: f32 = -1.0;
 
 /// Occupancy grid with one bit per cell, in the layout of the exported file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LiveCells {
+pub struct OccupiedCells {
     min: [f32; 3],
     max: [f32; 3],
     resolution: [u16; 3],
     bits: Vec<u8>,
 }
 
-impl LiveCells {
+impl OccupiedCells {
     pub fn bounds(&self) -> SceneBox {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
@@ -105,7 +105,7 @@ impl LiveCells {
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Occupancy {
-    live: LiveCells,
+    live: OccupiedCells,
     /// Indices of the cells that the photographs do not prove empty.
     candidates: Vec<u32>,
     /// Density stored for each candidate cell, 1/world unit.
@@ -188,7 +188,7 @@ impl Occupancy {
     }
 
     fn of_candidates(bounds: SceneBox, resolution: [u16; 3], candidates: Vec<u32>) -> Self {
-        let live = LiveCells::of(bounds, resolution, candidates.iter().copied());
+        let live = OccupiedCells::of(bounds, resolution, candidates.iter().copied());
         let density = vec![UNKNOWN; candidates.len()];
         Self { live, candidates, density, refreshes: 0, weighted: Vec::new(), marked_rays: 0 }
     }
@@ -247,11 +247,11 @@ impl Occupancy {
         self.candidates.len()
     }
 
-    pub(crate) fn live(&self) -> &LiveCells {
+    pub(crate) fn live(&self) -> &OccupiedCells {
         &self.live
     }
 
-    pub fn into_live(self) -> LiveCells {
+    pub fn into_live(self) -> OccupiedCells {
         self.live
     }
 
@@ -314,7 +314,7 @@ impl Occupancy {
 
     /// Returns the occupancy grid of a finished network, evaluated as in [`Self::settle`], but only in the cells that
     /// are occupied in `cells`. `threshold`: density above which a cell is occupied, 1/world unit.
-    pub fn asked_within(cells: &LiveCells, ask: &DensityQuery<'_>, threshold: f32) -> Self {
+    pub fn asked_within(cells: &OccupiedCells, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::of_candidates(cells.bounds(), cells.resolution(), cells.cells());
         occupancy.settle_to(ask, threshold, 0.0);
         occupancy

@@ -1,4 +1,4 @@
-//! Silhouettes: whether a view shows any foreground where a ball is projected.
+//! Silhouettes: whether a view shows any foreground within the projection of an occupancy cell's bounding ball.
 
 use crate::data::{Background, View};
 use glam::Vec3;

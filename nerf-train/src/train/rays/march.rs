@@ -1,6 +1,6 @@
 //! March of one ray in training: its samples in occupied cells, sixteen tested at a time.
 
-use crate::train::occupancy::LiveCells;
+use crate::train::occupancy::OccupiedCells;
 use glam::Vec3;
 use nerf_core::camera::Ray;
 use nerf_core::simd::{Lanes, Op};
@@ -27,7 +27,7 @@ pub struct MarchCells {
 }
 
 impl MarchCells {
-    pub fn new(cells: &LiveCells) -> Self {
+    pub fn new(cells: &OccupiedCells) -> Self {
         let (bits, resolution) = (cells.bits(), cells.resolution());
         let blocks = resolution.map(|side| side.div_ceil(BLOCK_SIDE as u16));
         let [nx, ny, nz] = resolution.map(usize::from);

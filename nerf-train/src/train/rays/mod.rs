@@ -190,8 +190,8 @@ impl<'d> RayBank<'d> {
         batch.deltas.resize(batch.positions.len(), self.bins.delta());
     }
 
-    /// Fills `batch` with the `rays` rays of step `step`. Samples are points in occupied cells, in steps of `width`
-    /// world units. In a bounded scene, near and far planes are ignored. Returns the time, summed over threads.
+    /// Fills `batch` with the `rays` rays of training step `step`. Samples lie in occupied cells, `width` world units
+    /// apart along a ray. In a bounded scene, near and far planes are ignored. Returns the time spent, over threads.
     pub fn fill_marched(
         &self,
         isa: Isa,

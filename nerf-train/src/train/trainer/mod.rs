@@ -302,8 +302,8 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Returns the step length of the ray march once the fraction `share` of the budget is used, world units. `None` if
-    /// rays are divided into bins.
+    /// Returns the step length of the ray march, world units, when the fraction `share` of the budget is used up. `None`
+    /// if rays are divided into a fixed number of bins.
     fn step_width(&self, share: f64) -> Option<f32> {
         let longer = lengthened(share, self.bounds.contraction.is_some());
         self.step_width.filter(|_| self.state.occupancy.is_some()).map(|width| longer * width)
@@ -374,7 +374,8 @@ impl<'d> Trainer<'d> {
         self.config.occupancy.threshold / width
     }
 
-    /// Restarts with another seed, after all densities became 0, as they can with ReLU.
+    /// Restarts with another seed because all densities became 0, as can happen with ReLU. An error after [`RESEEDS`]
+    /// restarts.
     fn reseed(&mut self) -> Result<(), TrainError> {
         let restarts = self.state.progressed.reseeds + 1;
         if restarts > RESEEDS {

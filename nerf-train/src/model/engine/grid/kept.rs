@@ -35,7 +35,8 @@ impl KeptSamples {
                 let weight: f32 = transmittance * (1.0 - passed);
                 let heavy = weight > gate || weight.is_nan();
                 let index = first + next + i;
-                let drawn = |(seed, step)| uniform(seed, Purpose::Faint, step, index as u64) * gate < weight;
+                let drawn =
+                    |(seed, step)| uniform(seed, Purpose::Roulette, step, index as u64) * gate < weight;
                 if heavy || roulette.is_some_and(drawn) {
                     samples.push(index);
                     inverse.push(if heavy { 1.0 } else { gate / weight });

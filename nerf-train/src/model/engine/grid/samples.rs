@@ -61,7 +61,8 @@ impl Samples {
                 let (weight, after) = (transmittance * (1.0 - passed), transmittance * passed);
                 // NaN is kept, so that it shows in the loss.
                 let heavy = weight > gate || weight.is_nan();
-                let drawn = |(seed, step)| uniform(seed, Purpose::Faint, step, sample as u64) * gate < weight;
+                let drawn =
+                    |(seed, step)| uniform(seed, Purpose::Roulette, step, sample as u64) * gate < weight;
                 if heavy || batch.roulette.is_some_and(drawn) {
                     let inverse_probability = if heavy { 1.0 } else { gate / weight };
                     self.push((row, ray as u32), (weight, after), inverse_probability);

@@ -1,12 +1,12 @@
 //! Tests of the ray march.
 
 use super::*;
-use crate::train::occupancy::LiveCells;
+use crate::train::occupancy::OccupiedCells;
 use nerf_core::Isa;
 use nerf_core::sampling::{Purpose, uniform};
 
 /// An occupancy grid with about the fraction `share` of its cells occupied, in clumps of `side`³ cells.
-fn cells(bounds: SceneBox, resolution: [u16; 3], side: u32, share: f32) -> LiveCells {
+fn cells(bounds: SceneBox, resolution: [u16; 3], side: u32, share: f32) -> OccupiedCells {
     let [nx, ny, nz] = resolution.map(u32::from);
     let clump = |cell: u32| {
         [cell / (ny * nz), cell / nz % ny, cell % nz]
@@ -14,7 +14,7 @@ fn cells(bounds: SceneBox, resolution: [u16; 3], side: u32, share: f32) -> LiveC
             .fold(0, |all, at| 1000 * all + u64::from(at / side))
     };
     let live = |&cell: &u32| uniform(7, Purpose::Cell, 0, clump(cell)) < share;
-    LiveCells::of(bounds, resolution, (0..nx * ny * nz).filter(live))
+    OccupiedCells::of(bounds, resolution, (0..nx * ny * nz).filter(live))
 }
 
 #[test]

@@ -15,7 +15,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Maximum number of photographs to adjust. Time grows with the cube of the number: half a minute at the maximum.
+/// Intrinsics are shared only in reconstructions of at most this many photographs. The time of the adjustment grows with
+/// the cube of the number: half a minute at this maximum.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
 const MAX_GROWTH: f64 = 1.25;
@@ -24,8 +25,9 @@ const SQUARE: f64 = 0.02;
 /// Version of the adjustment, part of the checksum: a new version makes existing files of shared cameras invalid.
 const VERSION: u64 = 1;
 
-/// Adjusts a reconstruction to one camera per device, adds a note to `found`, and returns true. Returns false if no
-/// device has several cameras to merge or, with a warning, if the cameras cannot be merged. `file`: named in errors.
+/// Merges the cameras (sets of intrinsics) of each device, adjusts the reconstruction, adds a note to `found`, and returns
+/// true. Returns false if no device has several cameras or, with a warning, if these cannot be merged. `file`: named in
+/// errors.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
