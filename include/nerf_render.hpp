@@ -50,8 +50,8 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether a view may refer to the elements of an argument of deduced type C &&. False for a temporary container, which
-/// frees its elements. Wrongly true for a temporary container of const elements, such as a std::initializer_list.
+/// Whether a view may refer to the elements of a container passed as C &&. False for a temporary container, which frees
+/// its elements. Wrongly true for a temporary container of const elements, such as a std::initializer_list.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -255,7 +255,7 @@ result<T> made(Call &&call, Arguments... arguments) noexcept {
     });
 }
 
-/// Runs a C call whose last arguments before the message receive a size and an alignment; returns these or the error.
+/// Runs a C call whose last arguments before the message receive a size and an alignment. Returns both, or the error.
 template <class Call, class... Arguments>
 result<layout> layout_of(Call &&call, Arguments... arguments) noexcept {
     return checked(layout(), [&](layout &to, char *message, std::size_t capacity) {
@@ -421,13 +421,13 @@ struct camera : detail::sized<nerf_camera> {
         c2w[0] = c2w[5] = c2w[10] = 1.0f;
     }
 
-    /// Makes a camera whose field of view is `fov` radians from the bottom of the image to its top.
+    /// Makes a camera at the world's origin. `fov`: field of view from the image's bottom to its top, radians.
     static camera from_vertical_fov(std::uint32_t columns, std::uint32_t rows, float fov) noexcept {
         return {columns, rows, 0.5f * static_cast<float>(rows) / std::tan(0.5f * fov)};
     }
 
-    /// Makes a camera from the matrices of a host's renderer, column by column: a world-to-eye rotation and translation,
-    /// and a perspective projection along -Z. Its near and far planes are ignored. Others give NERF_STATUS_CAMERA.
+    /// Makes a camera from a renderer's column-major matrices: a world-to-eye rotation and translation, and a
+    /// perspective projection along -Z, whose near and far planes are ignored. Other matrices give NERF_STATUS_CAMERA.
     static result<camera> from_matrices(std::uint32_t columns, std::uint32_t rows, span<const float> view_column_major,
                                         span<const float> projection_column_major) noexcept {
         if (view_column_major.size() != 16 || projection_column_major.size() != 16) {
@@ -461,7 +461,7 @@ struct camera : detail::sized<nerf_camera> {
     }
 
     /// Places the camera at `eye`, looking at `target`; the direction `up` points upwards in the image. If `eye` equals
-    /// `target` or `up` is along the view, rendering returns NERF_STATUS_CAMERA.
+    /// `target`, or if `up` is 0 or along the view, rendering returns NERF_STATUS_CAMERA.
     camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         if (nerf_camera_look_at(this, &eye.x, &target.x, &up.x, nullptr, 0) != NERF_STATUS_OK) {
             c2w[0] = std::numeric_limits<float>::quiet_NaN();
@@ -595,7 +595,7 @@ private:
 /// Planes for an image or for its rectangle `window`. A call can render part of a plane. Planes for rays have one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Inputs, at most one of the two: distance at which each pixel's ray ends. nerf::z_depth converts depth buffers.
+    /// Inputs, at most one of the two: where each pixel's ray ends, world units. nerf::z_depth converts depth buffers.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};
@@ -608,7 +608,7 @@ struct target {
                bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
     }
 
-    /// Makes the C target for the rectangle `part` of a width x height image. Checks that every view is long enough.
+    /// Makes the C target for the rectangle `part` of a width x height image; an error if a view is too short.
     result<nerf_target> at(const rect &part, std::uint32_t width, std::uint32_t height) const noexcept {
         const rect all = window.width == 0 || window.height == 0 ? rect{0, 0, width, height} : window;
         const auto inside = [](std::uint32_t begin, std::uint32_t length, std::uint32_t from, std::uint32_t all_of) {
@@ -668,7 +668,7 @@ struct open_options : detail::sized<nerf_open_options> {
 };
 
 /// Options of a frame. Default-constructed options are the defaults: empty cells are skipped, a ray ends once it is
-/// nearly opaque, and colours of low weight are not evaluated. The image has no visible difference from the exact one.
+/// nearly opaque, and colours of low weight are not evaluated. There is no visible difference from exact rendering.
 struct options : detail::sized<nerf_render_options> {
     /// Makes options without transmittance cut, colour cut and normal blur.
     static options uncut() noexcept {
@@ -790,7 +790,7 @@ public:
     /// Opens a worker of this scene in memory from the heap; each thread needs a worker of its own. `outputs`:
     /// NERF_OUTPUT_* flags of the planes to render, or-ed. For queries: NERF_OUTPUT_RGB if colours are wanted, else 0.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how = {}) const noexcept;
-    /// Opens a worker of this scene in the memory `home`, lent or owned.
+    /// Opens a worker of this scene in the memory `home`, lent or owned, of the layout from worker_layout.
     result<nerf::worker> worker(std::uint32_t outputs, const options &how, memory home) const noexcept;
     result<layout> worker_layout(std::uint32_t outputs, const options &how = {}) const noexcept {
         const auto asked = request<nerf_request>(outputs, how);
@@ -826,7 +826,7 @@ public:
         return memory::allocate(pace_layout(outputs, how));
     }
     /// Measures the time of a frame on this thread for each point of the Pareto front, until a time exceeds `limit`,
-    /// milliseconds. `workspace`: from pace_workspace. `clock`: returns microseconds; default: the library's own clock.
+    /// milliseconds. `workspace`: from pace_workspace. `clock`: returns microseconds; if omitted, the library's clock.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -883,14 +883,14 @@ struct instance : detail::sized<nerf_instance> {
     }
 };
 
-/// The host's own rays. An empty view is passed to C as NULL. Example (C++20): `{.origins = a, .dirs = b}`.
+/// The host's own rays; see nerf_rays. An empty view becomes NULL. Example (C++20): `{.origins = a, .dirs = b}`.
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {}, random = {};
     std::optional<vec3> axis = {};
 };
 
-/// Result of one ray; outputs that the worker was not opened for are 0.
+/// Result of one ray. Outputs that the worker was not opened for are 0, but colour always comes with opacity.
 struct pixel {
     /// Colour, premultiplied by opacity and without background: add `(1 - opacity) * background` to composite.
     vec3 rgb;
@@ -930,7 +930,7 @@ public:
         return draw(nerf_render, frame, camera.width, camera.height, to, part, progress);
     }
 
-    /// Renders an image of a 2D field, width x height pixels, or its rectangle `part`; everything else is as in render.
+    /// Renders a width x height image of a 2D field, or the image's rectangle `part`; everything else is as in render.
     template <class F = detail::none>
     result<counters> render_picture(std::uint32_t width, std::uint32_t height, const target &to, const rect &part = whole,
                                     F &&progress = {}) noexcept {
@@ -940,10 +940,10 @@ public:
         return draw(nerf_render_picture, frame, width, height, to, part, progress);
     }
 
-    /// Renders the host's own rays: pixel i of the planes belongs to ray i.
+    /// Renders the host's own rays: pixel i of each plane in `to` belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: one number per ray.
+    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: one per ray, in [0, 1).
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
     /// Renders one ray from `t_min` to `t_max`, with every output of the worker except z_depth. For many rays,
@@ -964,7 +964,8 @@ public:
                          detail::to_float(t_max), &number);
     }
 
-    /// Evaluates density and colour at points seen along unit directions. `dirs` may be empty if `rgb` is empty.
+    /// Evaluates density, per world unit, and colour at points seen along unit directions; writes to `sigma` and `rgb`.
+    /// An empty `rgb` requests no colour; `dirs` may then be empty, too.
     result<counters> query(triples<const float> positions, triples<const float> dirs, numbers<float> sigma,
                            triples<float> rgb) noexcept {
         const std::size_t n = sigma.size();
@@ -982,7 +983,7 @@ public:
     }
 
     /// Writes an English report to `text`, cut to fit: which stages of this worker's frames run, and why others do not.
-    /// `work`: a frame's counters, to report cost by stage; or null. Returns the uncut report's length with NUL, bytes.
+    /// `work`: a frame's counters, to report each stage's work, or null. Returns the uncut length with NUL, bytes.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }
@@ -999,7 +1000,7 @@ private:
         asked.outputs = outputs;
         return asked;
     }
-    /// Returns the error of the first instance whose matrix is invalid; NERF_STATUS_OK if there is none.
+    /// Returns the error of the first instance that was made from an invalid matrix; NERF_STATUS_OK if there is none.
     static error wrong_instance(const nerf_request &asked) noexcept {
         for (std::size_t i = 0; i < asked.instance_count; ++i) {
             if (asked.instances[i].struct_size == 0) {

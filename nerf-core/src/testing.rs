@@ -48,7 +48,7 @@ pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
 
 /// Comparison of errors in which NaN is the largest.
 pub trait Worse: Sized {
-    /// The larger of two errors. NaN counts as larger than any number, whereas `max` would drop it.
+    /// Returns the larger of two errors. NaN counts as larger than any number, whereas `max` would drop it.
     fn worse(self, other: Self) -> Self;
 }
 

@@ -53,7 +53,7 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Returns the address range of the buffer's first byte, which even a successful call writes; empty if no buffer.
+    /// Returns the address range of the first byte, which every call writes, for overlap checks; empty if no buffer.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }

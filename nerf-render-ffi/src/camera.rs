@@ -48,20 +48,20 @@ pub struct Camera {
     pub k1: f32,
     /// Radial distortion: coefficient of r^4 (fisheye: of angle^4); 0 for none.
     pub k2: f32,
-    /// First coefficient of tangential distortion, as in OpenCV; 0 for none.
+    /// First coefficient of tangential distortion, as in OpenCV; 0 for none. Must be 0 for a fisheye.
     pub p1: f32,
-    /// Second coefficient of tangential distortion, as in OpenCV; 0 for none.
+    /// Second coefficient of tangential distortion, as in OpenCV; 0 for none. Must be 0 for a fisheye.
     pub p2: f32,
     /// Camera-to-world transform: the upper three rows of the 4x4 matrix, row-major. The rotation's columns are right,
     /// up, backward; `c2w[3]`, `c2w[7]`, `c2w[11]` are the camera's centre, world units.
     pub c2w: [f32; 12],
     /// Radial distortion: coefficient of r^6 (fisheye: of angle^6); 0 for none.
     pub k3: f32,
-    /// Radial distortion: coefficient of r^2 in the denominator; for a fisheye, coefficient of angle^8. 0 for none.
+    /// Coefficient of r^2 in the denominator of the radial factor; for a fisheye, coefficient of angle^8. 0 for none.
     pub k4: f32,
-    /// Radial distortion: coefficient of r^4 in the denominator; 0 for none. Must be 0 for a fisheye.
+    /// Coefficient of r^4 in the denominator of the radial factor; 0 for none. Must be 0 for a fisheye.
     pub k5: f32,
-    /// Radial distortion: coefficient of r^6 in the denominator; 0 for none. Must be 0 for a fisheye.
+    /// Coefficient of r^6 in the denominator of the radial factor; 0 for none. Must be 0 for a fisheye.
     pub k6: f32,
     /// Lens model: a `nerf_lens_model`; 0 is a perspective camera.
     pub lens_model: u32,

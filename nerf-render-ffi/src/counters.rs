@@ -12,7 +12,7 @@ pub struct Counters {
     pub struct_size: usize,
     /// Number of rays, including rays on which no sample was evaluated.
     pub rays: u64,
-    /// Number of samples at which the network was evaluated.
+    /// Number of samples at which the scene's network was evaluated.
     pub samples_kept: u64,
     /// Number of samples skipped outside the scene box, in empty cells, or behind the point where the ray ended.
     pub samples_skipped: u64,

@@ -1,4 +1,4 @@
-//! Report of a worker's frames in English: which rendering stages run, and why the other stages do not.
+//! Report of a worker's frames in English: which rendering stages run, and why the other stages do not run.
 
 use crate::boundary::{Message, call, check_out, read_versioned};
 use crate::counters::Counters;

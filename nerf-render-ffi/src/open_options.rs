@@ -35,7 +35,7 @@ const ISAS: [Option<Isa>; 6] =
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Storage {
-    /// f32; but f16 in a library built without vector instructions, such as for microcontrollers.
+    /// f32, or f16 in a library built without vector instructions, such as for microcontrollers.
     Auto = 0,
     /// f16, read directly from the scene file's bytes: the weights take no memory besides these bytes.
     F16 = 1,
@@ -71,7 +71,7 @@ pub struct OpenOptions {
 
 versioned!(unsafe OpenOptions, "options", by_width(36, 40));
 
-/// Returns the instruction set and storage that the options select; an error if this machine does not support them.
+/// Returns the instruction set and storage that the options select; an error for an invalid or unsupported choice.
 ///
 /// # Safety
 /// `options` is NULL or points to `struct_size` readable bytes.

@@ -74,13 +74,13 @@ pub(crate) enum Channel {
     /// Density at a point of `nerf_query`.
     Density,
     PointColour,
-    /// Limit that the caller sets: distance along each ray at which the ray ends.
+    /// Limit that the caller sets: distance along each ray at which the ray ends, world units.
     LimitRayDistance,
     LimitZDepth,
 }
 
 impl Channel {
-    /// Returns the name of this channel's plane, and the `NERF_OUTPUT_*` flag that the plane needs; 0 if no flag.
+    /// Returns the name of this channel's plane, and the `NERF_OUTPUT_*` flag that the plane needs; 0 if it needs none.
     fn about(self) -> (&'static str, u32) {
         match self {
             Self::Colour => ("target.rgb", NERF_OUTPUT_RGB),

@@ -13,7 +13,7 @@ use nerf_core::camera::is_unit;
 use nerf_core::render::{self, RenderError};
 use nerf_core::volume::Pixel;
 
-/// Number of points that are evaluated together; their positions, directions and results are arrays on the stack.
+/// Number of points that are evaluated together. Positions, directions and results of these points lie on the stack.
 const CHUNK: usize = 64;
 
 /// Points to evaluate, each with the direction along which the point is seen.

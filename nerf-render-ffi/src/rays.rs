@@ -25,7 +25,8 @@ pub struct Floats {
 }
 
 impl Floats {
-    /// Checks address and stride of an array of `count` elements of `each` floats. Returns the array and its memory.
+    /// Checks an array of `count` elements of `each` floats. Returns the array and its memory; an error that contains
+    /// `name` if the address is NULL, if address or stride is misaligned, or if the stride is shorter than an element.
     pub(crate) fn check(
         &self,
         name: &'static str,
@@ -95,7 +96,7 @@ pub struct Rays {
     /// of the ray through the principal point. May be NULL if the target has no plane `z_depth`.
     pub axis: *const f32,
     /// Planes for the results: one row of `count` pixels; `row_stride` is ignored. A ray and its results may be fields
-    /// of one structure. In the planes `limit_ray_distance` and `limit_z_depth`, `data` must be NULL: use `t_max`.
+    /// of one structure. `data` of `limit_ray_distance` and `limit_z_depth` must be NULL: `t_max` ends a ray instead.
     pub target: *const Target,
 }
 
@@ -141,8 +142,9 @@ pub unsafe extern "C" fn nerf_render_rays(
 ///
 /// If a ray is sampled often, with uniform random numbers, the means converge to the results of `nerf_render_rays`
 /// without cuts. Opacity and colour are averaged over all results, distance and normal over the results with a
-/// collision. The mean colour of a scene with deferred shading differs: `nerf_render_rays` evaluates the colour branch
-/// once per ray from composited features, `nerf_sample_rays` at the collision's sample alone.
+/// collision; the mean distance agrees to within one sample interval, the mean normal in direction. The mean colour of
+/// a scene with deferred shading differs: `nerf_render_rays` evaluates the colour branch once per ray from composited
+/// features, `nerf_sample_rays` at the collision's sample alone.
 ///
 /// # Safety
 /// Pointers are NULL or point to what `nerf_render_rays` describes. The caller has not freed, moved or overwritten the

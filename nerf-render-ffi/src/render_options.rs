@@ -124,7 +124,7 @@ impl RenderOptions {
     }
 }
 
-/// Checked options of a frame, and the numbers of rays and samples in a batch.
+/// Checked options of a frame (`frame`), and the numbers of rays and samples that are processed together (`batch`).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Settings {
     pub frame: plan::Settings,
@@ -188,7 +188,7 @@ impl Settings {
     }
 }
 
-/// Converts a cut or blur of the options for a plan: 0 becomes `default`; a value below 0 becomes 0 (no cut or blur).
+/// Converts `asked`, a cut or blur of the options, for a plan: 0 becomes `default`; below 0 becomes 0 (no cut or blur).
 fn or_default(asked: f32, default: f32) -> f32 {
     if asked == 0.0 {
         default
@@ -199,7 +199,7 @@ fn or_default(asked: f32, default: f32) -> f32 {
     }
 }
 
-/// Converts a cut of a plan for the options, as the inverse of `or_default`: 0 (no cut) becomes `NERF_NONE`.
+/// Converts a cut of a plan to a value for the options, the inverse of `or_default`: 0 (no cut) becomes `NERF_NONE`.
 fn or_none(cut: f32) -> f32 {
     if cut == 0.0 { NERF_NONE } else { cut }
 }

@@ -169,7 +169,8 @@ pub unsafe extern "C" fn nerf_scene_close(scene: *const Scene) {
     });
 }
 
-/// Returns the bytes of a scene file; an error if the header is invalid or gives a length other than the file's.
+/// Returns the bytes of a scene file. Returns an error if `path` is no regular file, if the file cannot be read, if the
+/// header is invalid or gives a length other than the file's, or if there is not enough memory.
 fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let path = as_path(path)?;
     // Checked before opening, since opening a pipe blocks until something writes to it.

@@ -53,7 +53,7 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if the arrays overlap. Interleaved arrays, such as two fields of structures, do not overlap.
+    /// Returns an error if the arrays overlap; interleaved arrays do not. `name`, `of`: as in [`Span::check_apart`].
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
@@ -84,7 +84,8 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// Describes a plane's memory. `data`: address of the top left pixel. The caller ensures that no address overflows.
+    /// Describes the memory of a plane of `columns` × `rows` pixels. `data`: address of the top left pixel. Strides and
+    /// `size` (of a pixel): bytes; `row_stride` may be negative. The caller ensures that no address overflows.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),

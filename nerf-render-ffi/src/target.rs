@@ -110,7 +110,7 @@ impl Canvas {
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks planes for results of `count` points; `rgb.data` may be NULL. A plane must not overlap inputs in `read`.
+    /// Checks planes for results of `count` points; `rgb.data` may be NULL. `read`: names and memory of the inputs.
     ///
     /// # Safety
     /// The planes are NULL, or writable while the canvas is used.
@@ -137,7 +137,8 @@ impl Canvas {
         Ok(canvas)
     }
 
-    /// Checks all planes of a target. Returns an error if outputs overlap each other, or `read` (input arrays of rays).
+    /// Checks all planes of a target of `extent` pixels. Returns an error if a plane is invalid or overlaps an output
+    /// or input. `read`: names and memory of the input arrays of rays; `None` for an image.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -212,7 +213,7 @@ impl Canvas {
         }
     }
 
-    /// Writes `pixel` to every output plane of a target with one row, as pixel `i`.
+    /// Writes the result of ray or point `i` to every output plane of a target with one row.
     #[inline]
     pub fn put(&mut self, i: usize, pixel: &Pixel) {
         for surface in self.surfaces.iter().flatten() {
@@ -223,7 +224,7 @@ impl Canvas {
 }
 
 impl Surface {
-    /// Reads from this plane of limits the distance at which the ray of pixel (`x`, `y`) of the rectangle ends.
+    /// Reads the limit of pixel (`x`, `y`) of the rectangle from this plane, which must be a plane of limits.
     #[inline]
     pub fn limit(&self, x: u32, y: u32) -> Limit {
         // SAFETY: the pixel lies in the rectangle that `check` was given; `of_image` requires readable memory.
@@ -245,8 +246,9 @@ impl Surface {
     }
 }
 
-/// Checks a plane. Returns `None` if `plane.data` is NULL, and an error if the plane overlaps a scene, the worker or
-/// `read`. `read`: memory of the input arrays of rays or points; `None` for an image.
+/// Checks a plane. Returns `None` if `plane.data` is NULL. Returns an error if the plane was not requested from the
+/// worker, if format, strides or alignment do not suit the channel, or if the plane overlaps a scene, the worker or
+/// `read`. `read`: names and memory of the input arrays of rays or points; `None` for an image.
 fn check(
     channel: Channel,
     plane: &Plane,

@@ -33,8 +33,8 @@ pub struct Request {
     pub scene: *const Scene,
     /// Scenes that the host has placed in its own world, or NULL. If not NULL, cameras, rays, points and distances are
     /// in the host's world. Where instances overlap, densities add, and colours are averaged with the densities as
-    /// weights. An unbounded scene must be the last instance. The background is that of the last instance. Only in a
-    /// library built with the feature `instances`.
+    /// weights. An unbounded scene must be the last instance. The background is that of the last instance. Proposal
+    /// networks are not used. Only in a library built with the feature `instances`.
     pub instances: *const crate::instance::Instance,
     /// Number of instances; 0 if `scene` is set.
     pub instance_count: usize,
@@ -68,7 +68,7 @@ pub struct Worker {
     state: UnsafeCell<State>,
 }
 
-/// Renderer of a worker, for radiance fields or for a 2D field.
+/// What a worker renders with: a renderer of radiance fields, or only memory for a 2D field.
 #[allow(clippy::large_enum_variant, reason = "one lies in each worker, and nothing here allocates")]
 pub(crate) enum Work {
     Fields(render::Worker<'static>),
@@ -255,7 +255,7 @@ impl Checked {
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
-    /// Returns `failure`, with the index of the instance if the request has instances.
+    /// Returns `failure`; if the request has instances, as a failure of instance `_index`.
     fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -393,7 +393,7 @@ pub unsafe extern "C" fn nerf_worker_open(
     })
 }
 
-/// The unused rest of the memory that the caller lends to a worker.
+/// The memory that the caller lends to a worker and that is not used yet; begins at `at`.
 struct Lent {
     at: *mut Line,
 }

@@ -202,7 +202,7 @@ impl SceneFacts {
     }
 
     /// Distance between successive samples on a ray, world units. In an unbounded scene: the distance inside the inner
-    /// ball. If a proposal network places the samples: the mean distance.
+    /// ball. If a proposal network places the samples: the mean distance from sample to sample between near and far.
     pub fn step(&self) -> f32 {
         match self.sampling {
             SceneSampling::Contracted { step, .. } => {
@@ -285,7 +285,7 @@ pub struct FrontPoint {
     /// Whether the proposal network places the samples; true only in a scene with a proposal network.
     pub proposal: bool,
     /// PSNR of the exact rendering ([`Quality::exact`](crate::plan::Quality::exact)) minus PSNR with these settings,
-    /// dB. Each is a mean over the same photographs. Negative if these settings give the higher PSNR.
+    /// dB. Each PSNR is a mean over the same photographs. Negative if these settings give the higher PSNR.
     pub loss_db: f32,
     /// Multiply-adds with these settings divided by those of the exact rendering, over the same views; above 0.
     pub cost: f32,

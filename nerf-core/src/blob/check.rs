@@ -101,7 +101,8 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     }
 }
 
-/// Whether a camera pose can be computed from the viewpoint, and `arc` is 0 to 2π.
+/// Whether a camera pose can be computed from the viewpoint (finite, `up` of unit length and not parallel to the view
+/// direction), and `arc` is 0 to 2π.
 fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
     let (eye, up) = (Vec3::from(viewpoint.eye), Vec3::from(viewpoint.up));
     let back = eye - Vec3::from(viewpoint.target);
@@ -207,7 +208,7 @@ fn check_length(section: Section, expected: usize, bytes: &[u8]) -> Result<(), B
     if expected == found { Ok(()) } else { Err(BlobError::Length { section, expected, found }) }
 }
 
-/// Index of the first f16 that is infinite or NaN; `None` if all are finite.
+/// Index of the first of the little-endian f16 in `bytes` that is infinite or NaN; `None` if all are finite.
 fn first_not_finite(bytes: &[u8]) -> Option<usize> {
     // An f16 is finite unless its five exponent bits are all set.
     bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)

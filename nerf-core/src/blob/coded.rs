@@ -27,7 +27,7 @@ const SMALL: usize = 8;
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
-/// Number of contexts of the entropy coder, one for each pair of class and feature. A context has one probability model
+/// Number of contexts of the entropy coder, one per magnitude class and feature. A context has one probability model
 /// for the upper 4 bits of a value, and one for the lower 4 bits of a small value (-8 to 7). For any other value, the
 /// model of the lower 4 bits depends only on the upper 4 bits, not on the context.
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
@@ -36,7 +36,7 @@ const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 /// probability is the length of its interval divided by `2^BITS`.
 #[derive(Clone, Copy, Debug)]
 struct Model {
-    /// Beginning of each symbol's interval. An interval ends where the next begins, and the last ends at 2^[`BITS`].
+    /// Beginning of each symbol's interval. An interval ends where the next begins, the last interval at 2^[`BITS`].
     begins: [i16; SYMBOLS],
     /// Number of symbols that the model has adapted to; the count stops at 255.
     seen: u8,
@@ -131,7 +131,7 @@ impl Models {
     }
 }
 
-/// The half of a byte that a symbol codes.
+/// The half of a byte, upper or lower 4 bits, that a symbol codes.
 #[derive(Clone, Copy)]
 #[cfg_attr(not(any(feature = "train", test)), allow(dead_code, reason = "an encoder's"))]
 enum Half {

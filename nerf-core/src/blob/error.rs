@@ -35,7 +35,7 @@ names! {
 }
 
 impl Section {
-    /// Description of the section's valid values, for error messages.
+    /// Describes the valid values of the section, for the message of [`BlobError::Field`].
     const fn range(self) -> &'static str {
         match self {
             Self::Samples => "1 to 4096 samples, in bins that f32 tells apart",
@@ -67,8 +67,8 @@ errors! {
     Samples { found: u16 } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
     TransmittanceCut { found: f32 } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
     ColourCut { found: f32 } => "colour_cut: expected 0 <= cut < 1, found {found}";
-    /// Either the point uses an occupancy grid and the scene has none, or the scene requires its grid and the point
-    /// does not use it. `found`: whether the point uses a grid.
+    /// Either the front point uses an occupancy grid and the scene has none, or the scene requires its occupancy grid
+    /// and the front point does not use it. `found`: whether the front point uses an occupancy grid.
     Occupancy { found: bool } =>
         "occupancy: expected {expected}",
         expected = match found {
@@ -97,7 +97,7 @@ errors! {
             true => "older: fit or import the scene again with this build",
             false => "newer: open it with a newer build",
         };
-    /// The endian tag is wrong: the file was written with the other byte order.
+    /// The header's endian tag is not 0xfeff: the file was written in big-endian byte order, or is damaged.
     Endian { found: u16 } => "endian tag: expected 0xfeff, found {found:#06x}";
     Flags { found: u32 } => "flags: expected 0, found {found:#x}";
     Reserved { found: u32 } => "reserved header bytes: expected 0, found {found:#x}";

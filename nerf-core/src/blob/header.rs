@@ -25,7 +25,7 @@ const ENDIAN_TAG: u16 = 0xfeff;
 /// CRC-32 with one table of 1 KiB, small enough for a microcontroller.
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
-/// Returns the header of a blob that has the given body.
+/// Returns the header, with checksum, of a blob whose body has the bytes `body`.
 pub(super) fn write(body: &[u8]) -> [u8; HEADER_LEN] {
     let mut header = [0; HEADER_LEN];
     header[..MAGIC.len()].copy_from_slice(&MAGIC);

@@ -184,7 +184,7 @@ fn read<'a, T: Deserialize<'a>>(
     T::deserialize(input).map_err(|_| BlobError::Body(section))
 }
 
-/// Checks that `bytes` are exactly the bytes that writing `body` gives: each body has only one valid encoding.
+/// Checks that the file's body `bytes` equal the bytes that writing `body` gives: a body has only one valid encoding.
 fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     let mut rest = bytes;
     match postcard::serialize_with_flavor(body, Compare { rest: &mut rest }) {
@@ -193,9 +193,9 @@ fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     }
 }
 
-/// A serialiser that compares its output with existing bytes.
+/// A serialiser that compares its output with the bytes of a blob's body, and fails at the first difference.
 struct Compare<'c, 'a> {
-    /// The existing bytes that are not yet compared.
+    /// The bytes of the body that are not yet compared with the serialiser's output.
     rest: &'c mut &'a [u8],
 }
 

@@ -90,10 +90,10 @@ impl Pose {
         ]
     }
 
-    /// The pose of a camera at `eye` that looks at `target`, with `up` pointing upwards in the image.
+    /// Returns the pose of a camera at `eye` that looks at `target`, with `up` pointing upwards in the image.
     ///
     /// `None` if `eye` equals `target`, if `up` is 0 or parallel to the line of sight (within 1e-4 rad, where the
-    /// cross product is rounding noise), or if a component is NaN.
+    /// cross product is rounding noise), or if a component is infinite or NaN.
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
         let backward = unit(eye - target)?;
         let side = unit(up)?.cross(backward);
@@ -128,7 +128,7 @@ impl Pose {
     }
 }
 
-/// `v` scaled to unit length; `None` for 0 and for NaN.
+/// Returns `v` scaled to unit length; `None` if `v` is 0 or a component is infinite or NaN.
 fn unit(v: Vec3) -> Option<Vec3> {
     // Scales `v` by a power of two, which is exact, before squares of its components can underflow or overflow.
     const UP: f32 = 1.267_650_6e30; // 2^100
@@ -196,7 +196,8 @@ impl Camera {
         Ok(camera)
     }
 
-    /// Checks that all points of the image are within [`MAX_NORMALISED`] focal lengths of the principal point.
+    /// Checks that all points of the image are within [`MAX_NORMALISED`] focal lengths of the principal point along x
+    /// and along y, so that squares of normalised image coordinates do not overflow.
     fn check_view(&self) -> Result<(), CameraError> {
         let (w, h) = (self.intrinsics.width as f32, self.intrinsics.height as f32);
         for (x, y) in [(0.0, 0.0), (w, h)] {
@@ -273,7 +274,7 @@ impl Camera {
         ((x - i.cx) / i.fx, (y - i.cy) / i.fy)
     }
 
-    /// The ray through the image point `(x, y)`, in pixels; the centre of pixel (0, 0) is (0.5, 0.5).
+    /// Returns the ray through the image point `(x, y)`, in pixels; the centre of pixel (0, 0) is (0.5, 0.5).
     ///
     /// # Examples
     /// ```
@@ -291,16 +292,16 @@ impl Camera {
         self.towards(self.lens.straighten(u, v))
     }
 
-    /// The ray from the camera along `dir`, in camera coordinates (right, down, forward). `dir` may have any length.
+    /// Returns the ray from the camera along `dir` (right, down, forward; of any length), given in camera coordinates.
     fn towards(&self, dir: Vec3) -> Ray {
         let local = Vec3::new(dir.x, -dir.y, -dir.z);
         let dir = self.pose.rotation * local;
         Ray { origin: self.pose.position, dir: dir.normalize() }
     }
 
-    /// The ray through the image point `(x, y)`, pixels. The point may lie outside of the image, where [`Camera::new`]
-    /// did not check the lens. `None` if the lens has no inverse at the point or folds between the axis and the point,
-    /// or if the direction overflows f32.
+    /// Returns the ray through the image point `(x, y)`, pixels. The point may lie outside of the image, where
+    /// [`Camera::new`] did not check the lens. `None` if the lens has no inverse at the point or folds between the axis
+    /// and the point, or if the direction overflows f32.
     pub fn try_ray(&self, x: f32, y: f32) -> Option<Ray> {
         let (u, v) = self.normalised(x, y);
         let ray = self.towards(self.lens.invert(u, v, true)?);

@@ -47,7 +47,7 @@ impl PositionEncoding {
         }
     }
 
-    /// Number of encoded values.
+    /// Number of encoded values of a position.
     pub fn outputs(&self) -> usize {
         match self {
             Self::Sinusoidal(encoding) => encoding.outputs(),
@@ -91,7 +91,7 @@ pub enum DirectionEncoding {
 }
 
 impl DirectionEncoding {
-    /// Number of encoded values.
+    /// Number of encoded values of a direction.
     pub const fn outputs(&self) -> usize {
         match self {
             Self::Sinusoidal(encoding) => encoding.outputs(),

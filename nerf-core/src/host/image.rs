@@ -25,7 +25,7 @@ pub struct Image {
     pub width: usize,
     /// Height, pixels.
     pub height: usize,
-    /// Colour over the background (red, green, blue), in `[0, 1]`: sRGB-encoded, or linear light if that was requested.
+    /// Colour over the background (red, green, blue): sRGB-encoded, in `[0, 1]`; or, if requested, linear light.
     pub rgb: Vec<[f32; 3]>,
     /// Opacity, `[0, 1]`.
     pub opacity: Vec<f32>,

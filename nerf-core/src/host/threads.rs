@@ -147,8 +147,8 @@ fn each<T, I: Iterator, F: FnMut(T)>(
 }
 
 /// Calls `work` once on each of `threads` threads, including the calling thread, and returns the sum of the counters.
-/// All calls share one mutex around `tasks`, from which a thread takes its next task, and `take`, which receives the
-/// results, in any order.
+/// All calls share one mutex around `tasks` and `take`: a thread takes its next task from `tasks`, and passes results
+/// to `take`, in any order.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

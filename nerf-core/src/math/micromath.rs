@@ -5,7 +5,7 @@ use crate::simd::Lanes;
 use micromath::F32Ext;
 
 /// The functions of [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own polynomials:
-/// `micromath` has no expm1, and its power function has an error of 0.14 on the sRGB curve.
+/// the crate has no expm1, and its power function is off by up to 0.14 when sRGB colours, 0 to 1, are decoded.
 pub struct Micromath;
 
 impl Math for Micromath {

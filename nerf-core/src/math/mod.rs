@@ -85,7 +85,7 @@ pub trait Math {
     fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
         polynomial::sin_cos_pi(u)
     }
-    /// `(sin x, cos x)` for `|x| <= polynomial::SIN_COS_DOMAIN`.
+    /// `(sin x, cos x)` for `|x| <= 1e5` radians (`polynomial::SIN_COS_DOMAIN`).
     #[inline(always)]
     fn sin_cos<V: Lanes>(x: V) -> (V, V) {
         polynomial::sin_cos(x)

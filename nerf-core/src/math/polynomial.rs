@@ -55,7 +55,7 @@ pub fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
 /// parts. Up to this limit, the products of the integer `n` with the first part and with the second part are exact.
 pub const SIN_COS_DOMAIN: f32 = 1e5;
 
-/// `(sin x, cos x)` for `|x| <= SIN_COS_DOMAIN`.
+/// `(sin x, cos x)` for `|x| <= 1e5` radians ([`SIN_COS_DOMAIN`]).
 ///
 /// # Accuracy
 /// Max abs error 1.2e-7 on the domain.

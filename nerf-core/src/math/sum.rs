@@ -1,6 +1,7 @@
 //! Compensated summation.
 
-/// A compensated sum (Kahan 1965): a sum of 4,096 terms has about the rounding error of a single addition.
+/// A compensated sum (Kahan 1965): a sum of 4,096 terms has about the rounding error of a single addition. `value` is
+/// the sum so far, `lost` the rounding error of the last addition, which is subtracted from the next term.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sum {
     pub value: f32,

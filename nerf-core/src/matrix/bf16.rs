@@ -49,7 +49,8 @@ pub fn unpair(word: f32) -> [f32; 2] {
     [f32::from_bits(word.to_bits() << 16), f32::from_bits(word.to_bits() & 0xffff_0000)]
 }
 
-/// Converts f32 values, `[rows][stride]`, to pairs of bf16 in place. Row `q` of pairs holds rows `2q` and `2q + 1`.
+/// Converts f32 values, `[rows][stride]`, to pairs of bf16 in place. Row `q` of pairs holds rows `2q` and `2q + 1`. An
+/// odd last row is paired with 0.
 pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
     for q in 0..pairs(rows) {
         let (low, high) = (2 * q * stride, (2 * q + 1) * stride);
@@ -269,7 +270,7 @@ mod avx512 {
         unsafe { core::mem::transmute(x) }
     }
 
-    /// Packs sixteen pairs of f32 into words, each value rounded to bf16.
+    /// Packs sixteen pairs of f32 into 32-bit words, each value rounded to bf16; `low` in the low halves.
     #[inline]
     #[target_feature(enable = "avx512f,avx512bf16")]
     fn pair(low: __m512, high: __m512) -> __m512 {

@@ -54,7 +54,7 @@ impl Kernel {
         Self::new(Isa::detect(), if VECTORS { Storage::F32 } else { Storage::F16 })
     }
 
-    /// Every kernel that this build and this machine support, slowest instruction set first.
+    /// Returns an iterator over the kernels that this build and this machine support, slowest instruction set first.
     pub fn all() -> impl Iterator<Item = Self> + Clone {
         let pairs = |isa| Storage::ALL.into_iter().map(move |storage| Self::new(isa, storage));
         Isa::ALL.into_iter().flat_map(pairs).filter(|kernel| kernel.available())

@@ -53,7 +53,8 @@ pub enum Shading {
     ///
     /// ```text
     /// A = Σ w_i;  P = Σ w_i h_i / A;  colour = A · sigmoid(branch [P, PE(d)]) + T_end · background
-    /// w_i: weight of sample i;  T_end: transmittance at the end of the ray;  PE(d): encoded direction
+    /// w_i, h_i: weight and trunk output of sample i;  A: opacity;  P: weighted mean of h_i;
+    /// T_end: transmittance at the end of the ray;  PE(d): encoded direction
     /// ```
     ///
     /// With a grid the trunk may be empty: `h` is then the encoded position itself.
@@ -178,8 +179,8 @@ impl Architecture {
         Ok(())
     }
 
-    /// All layers, with the indices of their parameters. The parameter vector holds, for each layer in turn, `W`
-    /// row-major and then `b`.
+    /// Returns all layers, with the indices of their parameters. The parameter vector holds, for each layer in turn,
+    /// `W` row-major and then `b`.
     ///
     /// Correct only for an architecture that passes [`Architecture::check`].
     pub fn layers(&self) -> Layers {
@@ -250,8 +251,8 @@ impl Architecture {
         self.position.grid().map_or(0, |grid| grid.reads())
     }
 
-    /// Number of values of the trunk's output `h`: outputs of the last trunk layer, or of the encoding if the trunk is
-    /// empty.
+    /// Number of values of the trunk's output `h`: outputs of the last trunk layer, or of the position encoding if the
+    /// trunk is empty.
     pub fn h_rows(&self) -> usize {
         let empty = || if PER_RAY_BUILT { self.position.outputs() } else { 0 };
         self.trunk.last().map_or_else(empty, |layer| usize::from(layer.width))

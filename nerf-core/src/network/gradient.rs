@@ -151,7 +151,8 @@ impl Network<'_> {
         }
     }
 
-    /// Backward pass through a layer: `to = start + Wᵀ from` over the columns `inputs` of W (main or appended inputs).
+    /// Computes the backward pass through a layer: `to = start + Wᵀ from`, for the columns `inputs` of W (main or
+    /// appended inputs).
     ///
     /// `from`: gradient with respect to the layer's outputs before the ReLU, `[outputs][stride]`. `to`: gradient with
     /// respect to these inputs, `[inputs][stride]`. `start` is the content of `to` if `accumulate`, else 0.
@@ -186,7 +187,7 @@ impl Network<'_> {
     }
 }
 
-/// Number of words of the ReLU mask of a layer: one bit per output and sample, for `samples` samples.
+/// Number of words of [`SIGNS`] bits in the ReLU mask of a layer: one bit per output and sample, for `samples` samples.
 fn sign_words(layer: &Layer, samples: usize) -> usize {
     (layer.outputs * samples).div_ceil(SIGNS)
 }
@@ -218,7 +219,7 @@ fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)
 }
 
-/// Sets to 0 each of `values` whose bit in `signs` is 0: the backward pass through a ReLU.
+/// Sets to 0 each of `values` (gradients) whose bit in the ReLU mask `signs` is 0: the backward pass through a ReLU.
 fn mask(values: &mut [f32], signs: &[u16]) {
     for (values, &signs) in values.chunks_mut(SIGNS).zip(signs) {
         for (i, value) in values.iter_mut().enumerate() {

@@ -398,9 +398,9 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Evaluates a layer: `to = act(init + W [main, extra])`. `inputs`: main and extra; an input that is `None` is left
-    /// out of the sum. `init` is the content of `to` if `accumulate`, else the bias. `act` is ReLU if `hidden`, else
-    /// the identity. If `hidden`, outputs are written in the input format of the next layer.
+    /// Evaluates a layer: `to = act(init + W [main, extra])`. `inputs`: main and extra, `[rows][stride]`; `None` leaves
+    /// an input out of the sum. `init` is the content of `to` if `accumulate`, else the bias. `act` is ReLU if
+    /// `hidden`, else the identity. If `hidden`, outputs are written in the input format of the next layer.
     fn dense(
         &self,
         layer: &Layer,

@@ -87,7 +87,8 @@ impl<'a> Weights<'a> {
     }
 }
 
-/// Writes to `memory` the transposed weight matrix of each hidden colour layer; reads the matrix from the f16 `bytes`.
+/// Writes to `memory` the transposed weight matrix of each hidden colour layer, read from the f16 `bytes`. A layer's
+/// weights begin at the same index in `memory` as in the network's parameter vector.
 fn transpose_colour(architecture: &Architecture, bytes: &[u8], memory: &mut [f32]) {
     let parameters = memory.len();
     let hidden =

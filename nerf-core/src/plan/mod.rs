@@ -55,8 +55,8 @@ impl Outputs {
     };
     /// Colour and opacity.
     pub const RGB: Self = Self { rgb: true, opacity: true, ..Self::NONE };
-    /// Colour, opacity and both mean distances: the outputs that every build supports. Median distance and normals are
-    /// not included, since each needs a feature of the build.
+    /// Colour, opacity, `ray_distance` and `z_depth`: the outputs that every build supports. Median distance and
+    /// normals are not included, since each needs a feature of the build.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
     /// Whether colour or normals are requested: the outputs that are evaluated only at the samples that
@@ -65,7 +65,7 @@ impl Outputs {
         self.rgb || (cfg!(feature = "normals") && self.normals)
     }
 
-    /// Whether median distances or normals are requested.
+    /// Whether median distances or normals are requested: the outputs for which rays are marched one by one.
     pub(crate) const fn surface(&self) -> bool {
         self.median_distance || self.normals
     }
@@ -76,8 +76,8 @@ impl Outputs {
 pub struct Batch {
     /// Number of rays that are marched at the same time.
     pub rays: usize,
-    /// Number of samples that the network evaluates together, if instructions are portable and weights are read
-    /// directly from the scene file's bytes. Other kernels evaluate blocks of 64 samples.
+    /// Number of samples that the network evaluates together with `Kernel::IN_PLACE`: portable instructions, and
+    /// weights read directly from the scene file's bytes. Other kernels always evaluate blocks of 64 samples.
     pub samples: usize,
 }
 
@@ -85,8 +85,8 @@ impl Batch {
     /// Maximum of [`Batch::rays`]: more than any image needs, few enough for 32-bit indices.
     pub const MAX_RAYS: usize = 1 << 24;
 
-    /// One ray and one sample, for microcontrollers. Saves memory only with portable instructions and weights that are
-    /// read directly from the scene file's bytes. Other kernels evaluate blocks of 64 samples.
+    /// One ray and one sample, for microcontrollers. Saves memory only with `Kernel::IN_PLACE`: portable instructions,
+    /// and weights read directly from the scene file's bytes. Other kernels always evaluate blocks of 64 samples.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
     /// 256 rays, as many as a tile has pixels, and blocks of 64 samples: enough to keep any instruction set busy.
@@ -202,7 +202,7 @@ impl<'a> Plan<'a> {
         })
     }
 
-    /// Returns the plan of the same frame with `quality` in place of this plan's quality settings.
+    /// Returns this plan with the quality settings `quality` in place of its own. `blob`: the blob of this plan.
     ///
     /// # Errors
     /// The errors of [`Plan::new`].
@@ -259,7 +259,7 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// The standard deviation of the normals' blur, world units.
+    /// Standard deviation of the Gaussian over which normals are averaged, world units.
     pub(crate) fn normal_deviation(&self) -> f32 {
         // 1/√12: the standard deviation of a uniform distribution over a bin.
         const EVEN: f32 = 0.288_675_13;
@@ -427,8 +427,8 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// Computes the bins of a frame and how they are placed on a ray. `samples`: number of samples per ray. `proposal`:
-/// whether a proposal network places the samples.
+/// Computes the bins of a frame and how the bins are placed on a ray. `samples`: number of samples per ray. `proposal`:
+/// whether a proposal network places the samples. Fails if `samples` bins from near to far are too narrow for f32.
 fn lattice(scene: &SceneFacts, samples: u16, proposal: bool) -> Result<(Lattice, Bins), BoundsError> {
     let diagonal = scene.diagonal();
     let step = |own: f32, way: f32| if samples == scene.samples() { own } else { way / f32::from(samples) };

@@ -41,10 +41,10 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Default of [`Quality::transmittance_cut`]. Together with the default colour cut, it lowers the PSNR by 0.01 dB
-    /// and saves more than half of the evaluations (`docs/journal/2026-11-22-frames.md`).
+    /// Default of [`Quality::transmittance_cut`]. Together with the default colour cut, in four scenes: saves more
+    /// than half of the density evaluations, lowers the PSNR by at most 0.03 dB (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
-    /// Default of [`Quality::colour_cut`].
+    /// Default of [`Quality::colour_cut`], a sum of compositing weights.
     pub const COLOUR_CUT: f32 = 5e-3;
 
     /// The exact rendering: evaluates every sample inside the scene box, at the positions used in training.
@@ -57,14 +57,14 @@ impl Quality {
         proposal: true,
     };
 
-    /// The exact rendering of the scene in `blob`: [`Quality::EXACT`], with the occupancy grid only if the blob
-    /// requires the grid (`occupancy_required`).
+    /// Returns the settings of the exact rendering of the scene in `blob`: [`Quality::EXACT`], with the occupancy grid
+    /// only if the blob requires the grid (`occupancy_required`).
     pub fn exact(blob: &Blob<'_>) -> Self {
         let occupancy_required = blob.scene().is_some_and(|scene| scene.occupancy_required);
         Self { occupancy: occupancy_required, ..Self::EXACT }
     }
 
-    /// Cheapest settings on the blob's Pareto front whose PSNR is at most `db` dB below that of exact rendering.
+    /// Returns the cheapest settings on the blob's Pareto front whose PSNR is at most `db` dB below exact rendering.
     ///
     /// If the PSNR of every point is lower, returns the point of highest PSNR. `None` without a Pareto front, or if
     /// every point needs a maths backend or a proposal network that this build lacks. The returned settings may have a
@@ -76,10 +76,10 @@ impl Quality {
         last.map(|choice| Choice { within: true, ..choice }).or_else(|| Self::choices(blob).next())
     }
 
-    /// The settings of highest PSNR on the blob's Pareto front with at most `ratio` times the multiply-adds of the
-    /// exact rendering; of settings with equal PSNR, the cheapest.
+    /// Returns the settings of highest PSNR on the blob's Pareto front with at most `ratio` times the multiply-adds of
+    /// the exact rendering; of settings with equal PSNR, the cheapest.
     ///
-    /// If every point costs more, returns the cheapest. `None` in the same cases as [`Quality::within_loss`].
+    /// If every point costs more, returns the cheapest point. `None` in the same cases as [`Quality::within_loss`].
     pub fn within_cost(blob: &Blob<'_>, ratio: f32) -> Option<Choice> {
         let mut affordable = Self::choices(blob).filter(|choice| choice.cost <= ratio);
         let Some(first) = affordable.next() else { return Self::choices(blob).last() };
@@ -87,7 +87,7 @@ impl Quality {
         Some(Choice { within: true, ..best })
     }
 
-    /// The settings of a preset in this scene: the cheapest on the scene's Pareto front whose PSNR is at most
+    /// Returns the settings of a preset in this scene: the cheapest on the scene's Pareto front whose PSNR is at most
     /// [`Preset::loss_db`] below that of the exact rendering. If the PSNR of every point is too low, returns
     /// [`Quality::exact`].
     ///
@@ -120,7 +120,7 @@ impl Quality {
 
     /// Returns these settings, with their measured loss and cost, as a point of a Pareto front for the blob.
     ///
-    /// `loss_db`: PSNR with [`Quality::exact`] minus PSNR with these settings, both against ground truth. `cost`:
+    /// `loss_db`: PSNR with [`Quality::exact`] minus PSNR with these settings, each against the photographs. `cost`:
     /// multiply-adds relative to those of the exact rendering. An occupancy grid or proposal network that the scene
     /// lacks is off in the returned point, and 0 samples becomes the scene's own number. [`crate::blob::write()`]
     /// checks the ranges of all values.
@@ -138,8 +138,8 @@ impl Quality {
         }
     }
 
-    /// Settings on the blob's Pareto front (loss against cost) that this build can render, most expensive first, each
-    /// with its index in the blob's front. [`Choice::within`] is false: nothing is compared with a limit.
+    /// Returns the settings on the blob's Pareto front (loss against cost) that this build can render, most expensive
+    /// first, each with its index in the front. [`Choice::within`] is false, since no limit was requested.
     pub fn front<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = (usize, Choice)> + 'b {
         let built = |point: &FrontPoint| !point.proposal || cfg!(feature = "proposal");
         blob.front().iter().enumerate().filter(move |(_, point)| built(point)).filter_map(|(index, point)| {
@@ -150,7 +150,7 @@ impl Quality {
         })
     }
 
-    /// Settings on the blob's Pareto front that this build can render, most expensive first.
+    /// Returns the settings on the blob's Pareto front that this build can render, most expensive first.
     fn choices<'b>(blob: &'b Blob<'_>) -> impl Iterator<Item = Choice> + 'b {
         Self::front(blob).map(|(_, choice)| choice)
     }
@@ -173,7 +173,7 @@ impl Default for Quality {
 pub struct Choice {
     /// Quality settings of the point of the Pareto front.
     pub quality: Quality,
-    /// PSNR of the exact rendering minus PSNR with these settings, both against ground truth, dB; negative for a gain.
+    /// PSNR of the exact rendering minus PSNR with these settings, each against photographs, dB; negative for a gain.
     pub loss_db: f32,
     /// Multiply-adds relative to those of the exact rendering.
     pub cost: f32,
@@ -186,15 +186,15 @@ names! {
     /// Named limits of the loss: how far the PSNR may lie below the PSNR of the exact rendering, dB. Smallest limit
     /// first.
     pub enum Preset {
-        /// 0 dB: PSNR not below that of the exact rendering.
+        /// PSNR against photographs not below that of the exact rendering.
         Exact = "exact",
         /// PSNR against photographs at most 0.01 dB below that of the exact rendering: no visible difference.
         High = "high",
         /// PSNR against photographs at most 0.1 dB below that of the exact rendering.
         Balanced = "balanced",
-        /// PSNR at most 0.3 dB below that of the exact rendering.
+        /// PSNR against photographs at most 0.3 dB below that of the exact rendering.
         Fast = "fast",
-        /// PSNR at most 1 dB below that of the exact rendering: for navigation.
+        /// PSNR against photographs at most 1 dB below that of the exact rendering: for navigation.
         Preview = "preview",
     }
 }

@@ -127,6 +127,7 @@ pub(crate) struct Spans<T = Row> {
 
 impl<V: Lanes> Spans<V> {
     /// Computes the sampled parts of a vector of rays through a bounded scene, as [`Span::new`] does for one ray.
+    /// `t_min` and `t_max`: nearest and farthest visible distance along each ray, world units.
     #[inline(always)]
     fn new(plan: &Plan<'_>, around: &SceneBox, origin: [V; 3], dir: [V; 3], [t_min, t_max]: [V; 2]) -> Self {
         let (zero, bins, most) = (V::splat(0.0), plan.marched_bins(), V::splat(f32::MAX));

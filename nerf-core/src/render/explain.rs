@@ -39,7 +39,7 @@ impl Switch {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }
 
-    /// Returns `other` if `self` is on. Otherwise returns `self`, which is the reason why the stage is off.
+    /// Combines two conditions of a stage: returns `other` if `self` is on; else `self`, why the stage is off.
     fn and(self, other: Self) -> Self {
         if self == Self::On { other } else { self }
     }
@@ -60,7 +60,7 @@ pub struct Explanation<'e> {
     pub(super) plan: &'e Plan<'e>,
     pub(super) blob: &'e Blob<'e>,
     pub(super) network: &'e Network<'e>,
-    /// Number of multiply-adds of one evaluation of the proposal network.
+    /// Number of multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub(super) proposal_macs: u64,
     pub(super) workspace: usize,
     pub(super) counters: Option<Counters>,
@@ -121,7 +121,7 @@ impl Explanation<'_> {
         .map(|(name, switch)| Stage { name, switch })
     }
 
-    /// Reported size of the workspace, bytes: what the frame needs, unless [`Explanation::with_workspace`] replaced it.
+    /// Returns the reported workspace size, bytes: what the frame needs, or what [`Explanation::with_workspace`] set.
     pub fn workspace_bytes(&self) -> usize {
         self.workspace
     }

@@ -61,8 +61,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         move |eye| plan.far_from(eye)
     }
 
-    /// Renders one ray of each pixel of the tile: the ray of index `pixels.turn`. If `COLLIDE` is true, a ray ends at a
-    /// random collision: where the optical thickness along the ray reaches [`RaySource::until`].
+    /// Renders ray `pixels.turn` of each pixel of the tile. Passes each pixel to `target` after the pixel's last ray.
+    /// `COLLIDE`: whether a ray ends at a random collision, where its optical thickness reaches [`RaySource::until`].
     #[inline(never)]
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -95,7 +95,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Evaluates and composites the next block of samples; returns `false` if no ray is active.
+    /// Evaluates and composites the next block of samples. Returns `false` if no ray is active. `COLLIDE`: see `turn`.
     fn step<M: Math, const COLLIDE: bool>(&mut self, counters: &mut Counters) -> bool {
         let Self { tile, compositing, .. } = self;
         let TileState { field, rays, density, .. } = tile;

@@ -11,15 +11,15 @@ use crate::volume::Pixel;
 #[cfg(test)]
 mod tests;
 
-/// Approximate number of pixels rendered to time a frame: a small part of most images, but enough to fill blocks.
+/// Approximate number of pixels rendered to time a frame: a small part of most images, but many blocks of samples.
 const SAMPLED_RAYS: u64 = 2048;
 
-/// Measured times of a frame on one thread: one time for the settings of each point on a scene's Pareto front.
+/// Measured time of a frame on one thread, for each point of a scene's Pareto front (PSNR against multiply-adds).
 ///
 /// Returned by [`Pace::measure`]. Another host or another camera needs a measurement of its own.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pace {
-    /// Time of a frame, by the index of the point on the Pareto front; infinity if the point was not measured.
+    /// Milliseconds per frame, by the index of the point on the Pareto front; infinity if the point was not measured.
     pub milliseconds: [f32; MAX_FRONT],
 }
 
@@ -104,8 +104,8 @@ impl Pace {
     }
 }
 
-/// Horizontal and vertical step from one timed pixel to the next, in pixels. The steps are equal unless the image is so
-/// narrow or low that only one column or row is timed.
+/// Returns the horizontal and vertical step from one timed pixel to the next, pixels. The steps are equal unless the
+/// image is so narrow or low that only one column or row is timed.
 fn steps(camera: &Camera) -> (u32, u32) {
     let i = camera.intrinsics();
     let (width, height) = (u64::from(i.width), u64::from(i.height));

@@ -249,7 +249,7 @@ impl<'a> Renderer<'a> {
 /// its values need no copy. [`Prepared::measure`] returns the buffers' lengths (`usize`) as `F` and `B`.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
-    /// Parameters of network, parameters of proposal network (f32 or [`Weights::Paired`]), f32 copy of f16 tables.
+    /// Buffers: network parameters, proposal network parameters (f32, or [`Weights::Paired`]), f32 copy of f16 tables.
     pub unpacked: [F; 3],
     /// Decoded copy of entropy-coded grid tables: each byte holds the bits of one i8 value.
     pub decoded: B,
@@ -304,8 +304,8 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 }
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
-    /// Returns the scene's network: copied values are in `self`, others in `blob`. `None` if there are fewer parameters
-    /// or table values than the network has.
+    /// Returns the scene's network. Values that `self` has no copy of are read from `blob`. `None` if there are fewer
+    /// parameters or table values than the network has.
     #[inline]
     fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<Network<'a>> {
         let [parameters, _, tables] = self.unpacked;
@@ -314,7 +314,7 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
         Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)
     }
 
-    /// Returns the scene's proposal network: copied parameters are in `self`, others in `blob`.
+    /// Returns the scene's proposal network. Parameters that `self` has no copy of are read from `blob`.
     #[inline]
     fn view_proposal(&self, blob: &Blob<'a>, kernel: Kernel) -> Proposer<'a> {
         Proposer::view(blob, kernel, self.unpacked[1])

@@ -79,8 +79,8 @@ impl<'f> Worker<'f> {
     ///
     /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) each weight along a ray is divided
     /// among the fields in proportion to their densities; each field gets a share of the weight. A field's colour
-    /// branch is evaluated once per ray, at the mean of `h` weighted by the field's shares. The ray's colour is the
-    /// mean of the fields' colours, each weighted by the sum of the field's shares.
+    /// branch is evaluated once per ray, at the mean of the hidden features `h`, weighted by the field's shares. The
+    /// ray's colour is the mean of the fields' colours, each weighted by the sum of the field's shares.
     ///
     /// A single field that is not scaled is rendered in its own coordinates, as fast as by a worker made by
     /// [`Renderer::worker`]. At [`Placement::IDENTITY`], the pixels are also bit-identical to those of that worker.
@@ -109,7 +109,7 @@ impl<'f> Worker<'f> {
 }
 
 impl<'f> Worker<'f> {
-    /// The plan of the worker's frames; with several fields, the plan of the last field.
+    /// Returns the plan of the worker's frames; with several fields, the plan of the last field.
     pub fn plan(&self) -> &'f Plan<'f> {
         self.pixels.plan
     }
@@ -235,7 +235,7 @@ impl<'f> Worker<'f> {
     }
 
     /// Draws, for path tracers, the point on each ray at which a photon collides with the field. Passes each ray's
-    /// index and pixel to `target`.
+    /// index and pixel to `target`. `axis`: as in [`Worker::render_rays`].
     ///
     /// `random`: a number in `[0, 1]` for each ray. The number 1 is replaced by the largest f32 below 1, since rounding
     /// to f32 may have changed a smaller number to 1. A ray collides where its opacity reaches its random number. Its
@@ -248,9 +248,10 @@ impl<'f> Worker<'f> {
     ///
     /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is evaluated for
     /// the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of these colours
-    /// is *not* the colour that [`Worker::render_rays`] composites; the means of opacity, distance and normal do equal
-    /// the results of [`Worker::render_rays`]. To reproduce the field's own image, a path tracer draws the point with
-    /// this function, and takes the colour of the same ray from [`Worker::render_rays`].
+    /// is *not* the colour that [`Worker::render_rays`] composites. To reproduce the field's own image, a path tracer
+    /// draws the point here, and takes the colour of the same ray from [`Worker::render_rays`]. The mean opacity does
+    /// equal the composited opacity. Over the collisions, the mean distance equals the composited distance to within
+    /// one sample interval, and the mean normal has the direction of the composited normal.
     ///
     /// # Errors
     /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`,
@@ -356,10 +357,10 @@ impl<'f> Worker<'f> {
     /// Evaluates density and colour at points that are seen along given directions.
     ///
     /// `positions` and unit vectors `dirs`: `[n]`, world space. `sigma`: `[n]`, 1/world unit. `rgb`: `[n]`,
-    /// display-encoded, or empty if no colour is requested. Points outside the scene box or in an empty cell of the
-    /// plan's occupancy grid, and points whose density is NaN, have density 0 and black colour. A colour that is NaN
-    /// becomes black ([`Counters::invalid_samples`]). With deferred shading, a point gets the colour of a ray that has
-    /// the point as its only sample.
+    /// display-encoded, or empty if no colour is requested. Points outside the box of a bounded scene, points in an
+    /// empty cell of the plan's occupancy grid, and points whose density is NaN get density 0 and black colour. A
+    /// colour that is NaN becomes black ([`Counters::invalid_samples`]). With deferred shading, a point gets the colour
+    /// of a ray that has the point as its only sample.
     ///
     /// # Errors
     /// [`RenderError`] on lengths that differ, and on a direction that is not of unit length if colour is requested.

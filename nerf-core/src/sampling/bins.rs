@@ -77,7 +77,7 @@ impl Bins {
     }
 
     /// Cuts the bins for a ray. Samples are placed in front of `far`, and only the part `start..stop` of the ray is
-    /// used. Returns the cut bins, and the index range of the bins with a used part.
+    /// used (units as in [`Bins`]). Returns the cut bins, and the index range of the bins with a used part.
     ///
     /// `far` cuts the last bin and moves the bin's samples in front of `far`. `start` and `stop` cut only the widths of
     /// bins and leave the samples in place, so that a sample's contribution is continuous in `start` and `stop`. Bins
@@ -101,8 +101,8 @@ impl Bins {
         (self.with(ends), bins)
     }
 
-    /// Distance by which the bins must move to begin at or just before `enter`, a multiple of the bin width. 0 if the
-    /// bins already cover `enter..exit`.
+    /// Distance, a multiple of the bin width, by which the bins must move to begin at or just before the distance
+    /// `enter` along the ray. 0 if the bins already cover the part `enter..exit` of the ray.
     pub(crate) fn shift(&self, enter: f32, exit: f32) -> f32 {
         let index = self.position(enter);
         if index >= 0.0 && exit <= self.ends.far {
@@ -114,7 +114,7 @@ impl Bins {
     }
 
     /// Cuts the bins for a vector of rays, as [`Bins::cut`] does for one ray. Returns the cuts, in the order of
-    /// [`Ends::parts`]. Also returns the range of bins used: the first bin and the end, both integers.
+    /// [`Ends::parts`], and the index range of the bins used: first bin and end, whole numbers stored as floats.
     #[inline(always)]
     pub(crate) fn cut_lanes<V: Lanes>(&self, start: V, far: V, stop: V) -> ([V; Ends::PARTS], [V; 2]) {
         let [all_start, all_low, all_high, all_far, all_stop] = self.ends.parts().map(V::splat);
@@ -134,7 +134,7 @@ impl Bins {
         (ends, [V::select(late, first, V::splat(0.0)), V::select(early, end.min_of(count), count)])
     }
 
-    /// For a vector of rays, the distances by which the bins must move to cover `enter..exit` ([`Bins::shift`]).
+    /// Computes [`Bins::shift`], the distance by which the bins must move, for each ray in a vector of rays.
     #[inline(always)]
     pub(crate) fn shift_lanes<V: Lanes>(&self, enter: V, exit: V) -> V {
         let (zero, index) = (V::splat(0.0), self.position(enter));
@@ -144,7 +144,7 @@ impl Bins {
     }
 
     /// Finds the bins that may have a point in `enter..=exit`, for a vector of rays ([`Bins::overlapping`]). Returns
-    /// the first bin and the end of the index range, both integers.
+    /// the index range of these bins: first bin and end, whole numbers stored as floats.
     #[inline(always)]
     pub(crate) fn overlapping_lanes<V: Lanes>(&self, enter: V, exit: V) -> [V; 2] {
         let (count, rounding) = (V::splat(self.count as f32), V::splat(self.rounding()));
@@ -178,7 +178,7 @@ impl Bins {
         self.count
     }
 
-    /// Width of a bin without cuts.
+    /// Width of a bin without cuts, in the unit of [`Bins`].
     pub fn delta(&self) -> f32 {
         self.delta
     }
@@ -194,7 +194,7 @@ impl Bins {
         [t.max_of(from).min_of(to), from, to]
     }
 
-    /// Index of the bin that contains `t`, at least 0 but not limited by the number of bins.
+    /// Index of the bin that contains the distance `t`. At least 0, but above the last index if `t` is beyond all bins.
     #[inline(always)]
     fn bin_around<V: Lanes>(&self, t: V) -> V {
         let (bin, one) = (whole(self.position(t)), V::splat(1.0));
@@ -210,8 +210,8 @@ impl Bins {
         self.points(i as f32, u, self.ends.parts())
     }
 
-    /// Computes [`Bins::at`] for a vector of rays, one per lane: the point at fraction `u` of bin `bins`. `ends`: cuts
-    /// of these rays, in the order of [`Ends::parts`].
+    /// Computes [`Bins::at`] for a vector of rays, one per lane: the distance of the point at fraction `u` of the bin
+    /// with index `bins`. `ends`: cuts of these rays, in the order of [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn points<V: Lanes>(&self, bins: V, u: V, ends: [V; Ends::PARTS]) -> V {
         let [_, _, high, far, _] = ends;
@@ -264,7 +264,7 @@ impl Bins {
     }
 }
 
-/// Rounds down and clamps to `0..=2^23`, the integers that [`Lanes::to_indices`] accepts. A NaN becomes 0.
+/// Rounds `x` down and clamps it to `0..=2^23`, the integers that [`Lanes::to_indices`] accepts. A NaN becomes 0.
 #[inline(always)]
 fn whole<V: Lanes>(x: V) -> V {
     x.max_of(V::splat(0.0)).min_of(V::splat(8_388_608.0)).floor()

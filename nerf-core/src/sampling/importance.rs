@@ -79,11 +79,11 @@ pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     }
 }
 
-/// Middle and width of the interval of sample `k` of a row. The interval consists of the points nearer to sample `k`
-/// than to any other sample.
+/// Returns middle and width of the interval of the sample at `row[k]`: the part of the ray nearer to this sample than
+/// to any other sample.
 ///
-/// `row`: `t` of the samples, ascending. `k`: index in `row`. The first interval begins at `near`, the last ends at
-/// `far`, so that the widths add up to `far − near`. Samples in the middles of equal bins get the bins' width.
+/// `row`: distances of the ray's samples, ascending. The first interval begins at `near`, the last ends at `far`, so
+/// that the widths add up to `far − near`. Samples in the middles of equal bins get the bins' width.
 #[inline]
 pub fn sample_interval(near: f32, far: f32, row: &[f32], k: usize) -> (f32, f32) {
     let between = |a: f32, b: f32| 0.5 * a + 0.5 * b;

@@ -57,8 +57,8 @@ impl Spacing<'_> {
         }
     }
 
-    /// Returns the interval of the sample at distance `t` in a bounded scene. Requires that the sample lies in a bin
-    /// that is cut: only a ray's first and last bin may be cut. `ends`: as in [`Spacing::interval`].
+    /// Returns the interval of the sample at distance `t`, in a bounded scene, if the sample lies in a cut bin (only a
+    /// ray's first and last bin may be cut). Wrong for samples in other bins. `ends`: as in [`Spacing::interval`].
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;

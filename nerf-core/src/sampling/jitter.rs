@@ -20,7 +20,8 @@ impl SampleJitter {
     /// No jitter: samples in the middle of their bins.
     pub const MIDDLE: Self = Self { seed: None, stream: 0, first: 0 };
 
-    /// Returns the jitter of ray `ray` of pixel `(x, y)`; without a seed, samples lie in the middle of their bins.
+    /// Returns the jitter of ray `ray` of pixel `(x, y)`, where `ray` counts the pixel's rays from 0. Without a `seed`,
+    /// samples lie in the middle of their bins.
     #[inline]
     pub fn of(seed: Option<u64>, x: u32, y: u32, ray: u32) -> Self {
         Self { seed, stream: pixel_stream(x, y), first: u64::from(ray) << 32 }

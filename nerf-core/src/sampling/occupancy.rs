@@ -148,8 +148,8 @@ impl<'a> OccupancyGrid<'a> {
         end
     }
 
-    /// Approximate number of bins on the ray from the point `p` to the exit from `cell`, the cell that contains `p`.
-    /// `cells_per_bin`: number of cells that a ray crosses in one bin, along x, y, z.
+    /// Approximate number of bins on the ray, of direction `dir`, from the point `p` to the exit from `p`'s cell
+    /// `cell`. `cells_per_bin`: number of cells that a ray crosses in one bin, along x, y, z.
     #[inline]
     fn bins_to_exit(&self, p: Vec3, cell: [usize; 3], dir: Vec3, cells_per_bin: Vec3) -> u32 {
         let low = Vec3::from(cell.map(|side| side as f32));
@@ -182,8 +182,8 @@ impl<'a> OccupancyGrid<'a> {
         self.resolution.map(|cells| cells.div_ceil(side))
     }
 
-    /// Sets the bit in `blocks` of each block of `side`³ cells that contains an occupied cell. Blocks are in row-major
-    /// order, x slowest.
+    /// Sets the bit in `blocks` of each block of `side`³ cells that contains an occupied cell; leaves other bits as
+    /// they are. Blocks are in row-major order, x slowest.
     pub(crate) fn mark_blocks(&self, side: u16, blocks: &mut [u8]) {
         let [_, ny, nz] = self.blocks(side).map(usize::from);
         let side = usize::from(side);
@@ -210,7 +210,8 @@ impl<'a> OccupancyGrid<'a> {
         }
     }
 
-    /// Returns a coarser grid, whose cells are blocks of `side`³ cells. `blocks`: occupancy bits of the blocks.
+    /// Returns a coarser grid, whose cells are blocks of `side`³ cells of this grid. `blocks`: occupancy bits of
+    /// the blocks, from [`OccupancyGrid::mark_blocks`].
     pub(crate) fn of_blocks<'b>(&self, side: u16, blocks: &'b [u8]) -> OccupancyGrid<'b> {
         OccupancyGrid {
             bounds: self.bounds,
@@ -226,7 +227,7 @@ impl<'a> OccupancyGrid<'a> {
         self.bits.get(index / 8).is_some_and(|byte| byte >> (index % 8) & 1 == 1)
     }
 
-    /// Fraction of the cells that are occupied.
+    /// Fraction of the cells that are occupied, 0 to 1; 0 for a grid without cells.
     pub fn occupied_share(&self) -> f32 {
         let cells: u64 = self.resolution.iter().map(|&side| u64::from(side)).product();
         let set: u32 = self.bits.iter().map(|byte| byte.count_ones()).sum();

@@ -60,7 +60,7 @@ pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
 /// Rank of `index`, from 0, when the numbers `i` of `0..count` are sorted by `i · ratio` modulo 2^32. With a `ratio`
-/// such as [`GOLDEN`], the ranks are a low-discrepancy permutation of `0..count`.
+/// such as [`GOLDEN`], the ranks are a low-discrepancy permutation of `0..count`, which spreads a pixel's rays.
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);
     (0..count).filter(|other| other.wrapping_mul(ratio) < own).count() as u32

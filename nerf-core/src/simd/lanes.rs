@@ -11,13 +11,13 @@ pub trait Indices: Copy {
     fn add(self, b: Self) -> Self;
     /// `self * b` for each lane, modulo 2^32.
     fn mul(self, b: Self) -> Self;
-    /// Bitwise exclusive or.
+    /// Bitwise exclusive or of each lane.
     fn xor(self, b: Self) -> Self;
-    /// Bitwise and.
+    /// Bitwise and of each lane.
     fn and(self, b: Self) -> Self;
     /// The smaller of `self` and `b`, for each lane.
     fn min(self, b: Self) -> Self;
-    /// Shifts each lane right by 15 bits.
+    /// Shifts each lane right by 15 bits and fills with zeros: a step of the hash of grid cells.
     fn shift_right_15(self) -> Self;
     /// Writes the lanes to the beginning of `to`.
     fn store(self, to: &mut [u32; MAX_LANES]);

@@ -58,11 +58,11 @@ pub(super) use {instructions, lanes_in_memory};
 /// its own table rows to sum. Pass `LANE` (0 to 3) sums the rows of lane `LANE` of every group. During this pass, the
 /// four lanes of a group hold four neighbouring values of one of these rows.
 pub trait Quads: Lanes {
-    /// Whether offsets are moved from vectors to scalar registers through memory.
+    /// Whether [`weighted_rows`] moves offsets from vectors to scalar registers through memory, where this is faster.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether each pass stores its sums to memory, so that the compiler cannot begin the loads of the next pass early.
+    /// Whether each pass of [`weighted_rows`] stores its sums to memory: the compiler then starts the next pass later.
     const SUMS_IN_MEMORY: bool = false;
-    /// Offset of a table value, for each lane.
+    /// Offset of a table value for each lane, in values from the start of the table.
     type Offsets: Copy;
 
     fn offsets(indices: Self::Indices) -> Self::Offsets;
@@ -130,7 +130,7 @@ fn four<V: Quads, T: Value, const ROWS: usize>(
     [v0, v1, v2, v3]
 }
 
-/// Returns the four weighted sums of [`four`] for lane `LANE` of each group, in the four lanes of the group.
+/// Returns the four sums of [`four`] for lane `LANE` of each group ([`Quads`]), in the four lanes of the group.
 #[inline(always)]
 fn sum_of_lane<V: Quads, T: Value, const ROWS: usize, const LANE: usize>(
     table: Table<'_, T>,
@@ -153,8 +153,8 @@ pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *cons
     table.values.as_ptr().wrapping_add(offset as usize + plus).cast()
 }
 
-/// Largest entry index at which a row (two entries) still fits inside the table. `None` if the length of a row is no
-/// multiple of four values, or if the table is shorter than a row.
+/// Returns the largest index of an entry at which a row (two entries) fits inside the table: indices of rows are
+/// clamped to it. `None` if the length of a row is no multiple of four values, or if the table is shorter than a row.
 #[inline(always)]
 fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     let entries = match features {
@@ -165,7 +165,8 @@ fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     u32::try_from(entries.checked_sub(2)?).ok()
 }
 
-/// Offset of the last four bytes of `bytes`; `None` if `bytes` has fewer than four, or if the offset exceeds 2^31 − 1.
+/// Returns the offset of the last four bytes of `bytes`, to which offsets of a gather of 32-bit words are clamped.
+/// `None` if `bytes` has fewer than four bytes, or if the offset exceeds 2^31 − 1.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub fn last_word(bytes: &[u8]) -> Option<u32> {

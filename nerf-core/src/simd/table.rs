@@ -24,7 +24,7 @@ pub trait Value: Copy + Default + super::sealed::Sealed {
 impl Value for [u8; 2] {
     const FORMAT: Format = Format::F16;
 
-    /// The value of a finite f16, without a branch.
+    /// Returns the value of a finite f16, without a branch.
     #[inline(always)]
     fn widen(self) -> f32 {
         let bits = u16::from_le_bytes(self);
@@ -78,7 +78,7 @@ impl<'a, T: Value> Table<'a, T> {
         Self { values: rest.get(..count).unwrap_or(rest), ..self }
     }
 
-    /// Reads value `at[lane] + plus` for each of the first `lanes` lanes; 0 if the index is beyond the table.
+    /// Reads value `at[lane] + plus`, without [`Table::scale`], for the first `lanes` lanes; 0 beyond the table's end.
     #[inline(always)]
     pub fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES] {
         let (mut found, mut values) = ([T::default(); MAX_LANES], [0.0; MAX_LANES]);
@@ -91,7 +91,7 @@ impl<'a, T: Value> Table<'a, T> {
         values
     }
 
-    /// Factor that converts the stored values of level `level` of a grid to f32; 1 for tables of floats.
+    /// Returns the factor by which integers of level `level` of a grid are multiplied; 1 for tables of floats.
     #[inline(always)]
     pub fn scale(self, level: usize) -> f32 {
         match T::FORMAT {

@@ -86,7 +86,7 @@ impl Placement {
         Ray { origin: self.point_in_field(ray.origin), dir: self.dir_in_field(ray.dir) }
     }
 
-    /// Whether distances are equal in the field's and the world's coordinates: the scale is 1, up to rounding.
+    /// Whether the scale is 1, up to rounding: distances are then equal in the field's and the world's coordinates.
     pub(crate) fn is_rigid(&self) -> bool {
         (self.scale - 1.0).abs() <= 1e-6
     }

@@ -24,22 +24,22 @@ pub const OPACITY_EPSILON: f32 = 1e-4;
 /// Largest optical thickness of a sample; a larger one is clamped. A transmittance of `e^-100` is 0 in any image.
 const MAX_TAU: f32 = 100.0;
 
-/// Optical thickness of a sample. `sigma`: density, 1/world unit. `delta`: width, world units, of the sample's bin: the
-/// interval of the ray that the sample represents.
+/// Returns the optical thickness of a sample, at most [`MAX_TAU`]. `sigma`: density, 1/world unit. `delta`: width,
+/// world units, of the sample's bin: the interval of the ray over which the density is taken as constant.
 #[inline(always)]
 pub(crate) fn thickness(sigma: f32, delta: f32) -> f32 {
     (sigma.clamp(0.0, f32::MAX) * delta.clamp(0.0, f32::MAX)).min(MAX_TAU)
 }
 
-/// Opacity of a sample of optical thickness `tau`.
+/// Returns the opacity `1 − e^−tau` of a sample of optical thickness `tau`.
 #[inline(always)]
 pub(crate) fn alpha<M: Math, V: Lanes>(tau: V) -> V {
     M::expm1(tau.neg()).neg()
 }
 
-/// Distance along the ray at which the optical thickness, summed from a bin's front edge, reaches `left`. The result is
-/// clamped to the bin. If `sigma` is +inf, the result is the front edge. `sigma`: constant density in the bin, not 0.
-/// `t`: middle of the bin, world units along the ray. `delta`: width of the bin, world units along the ray.
+/// Returns the distance along the ray at which the optical thickness, summed from a bin's front edge, reaches `left`.
+/// The result is clamped to the bin, and is the front edge if `sigma` is +inf. `sigma`: constant density in the bin,
+/// not 0. `t`: middle of the bin, world units along the ray. `delta`: width of the bin, world units along the ray.
 #[inline]
 pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32 {
     // Neither operand of the clamp is NaN, since `left` is finite and `sigma` is not 0.
@@ -47,7 +47,7 @@ pub(crate) fn thickness_in_bin(left: f32, sigma: f32, t: f32, delta: f32) -> f32
     (t - 0.5 * delta) + inside
 }
 
-/// Transmittance after an optical thickness of `total`.
+/// Returns the transmittance `e^−total` after an optical thickness of `total`; 0 from [`MAX_TAU`] on.
 #[inline(always)]
 pub(crate) fn light<M: Math, V: Lanes>(total: V) -> V {
     V::select(total.less(V::splat(MAX_TAU)), M::decay(total), V::splat(0.0))
@@ -149,7 +149,7 @@ impl Accumulator {
         self.add_alpha(alpha::<M, f32>(tau), light::<M, f32>(total), t)
     }
 
-    /// Adds the optical thickness of a sample; the first half of [`Accumulator::add_density`]. Returns the sum of
+    /// Adds the optical thickness `tau` of a sample; the first half of [`Accumulator::add_density`]. Returns the sum of
     /// optical thickness up to and including this sample.
     #[inline]
     pub(crate) fn add_thickness(&mut self, tau: f32) -> f32 {
@@ -161,8 +161,8 @@ impl Accumulator {
         self.tau.value
     }
 
-    /// Adds the sample at distance `t` with opacity `alpha` and returns its weight; the second half of
-    /// [`Accumulator::add_density`]. `light`: the transmittance after the sample.
+    /// Adds a sample of opacity `alpha` at distance `t` (world units) and returns the sample's weight; the second half
+    /// of [`Accumulator::add_density`]. `light`: transmittance behind the sample.
     #[inline]
     pub(crate) fn add_alpha(&mut self, alpha: f32, light: f32, t: f32) -> f32 {
         let weight = self.left * alpha;
@@ -199,9 +199,10 @@ impl Accumulator {
         collides
     }
 
-    /// Returns the sum of the weights of samples without a colour and resets the sum to 0. If the sum is at most `cut`,
-    /// returns `None` and keeps the sum. For a returned sum, the caller must evaluate the last sample's colour and call
-    /// [`Accumulator::add_colour`] with sum and colour, or call [`Accumulator::colour_all`] at the end of the ray.
+    /// Decides whether the colour of the last sample is evaluated: only if the sum of the weights of the samples since
+    /// the last evaluated colour exceeds `cut`. Then returns the sum and resets it to 0; else returns `None`. For a
+    /// returned sum, the caller must evaluate the last sample's colour and call [`Accumulator::add_colour`] with sum
+    /// and colour, or call [`Accumulator::colour_all`] at the end of the ray.
     ///
     /// Samples of low weight thus get the colour of the next evaluated sample. Samples left without a colour have a
     /// total weight of at most `cut`. If `cut` is 0 at every call, the result is the last sample's own weight.
@@ -257,9 +258,8 @@ impl Accumulator {
         Pixel { rgb, opacity, ray_distance, z_depth, ..Pixel::BLANK }
     }
 
-    /// Adds the next sample, at `t`, with its colour and returns its weight.
-    ///
-    /// Same as [`Accumulator::add_density`] and then [`Accumulator::add_colour`] with the returned weight.
+    /// Adds the next sample with its colour `rgb` and returns the sample's weight. `sigma`, `t`, `delta`: as in
+    /// [`Accumulator::add_density`].
     #[cfg(feature = "train")]
     #[inline]
     pub(crate) fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
@@ -289,7 +289,7 @@ impl Accumulator {
         }
     }
 
-    /// Reads the state that [`Accumulator::put_column`] wrote to column `column`.
+    /// Reads the state of the ray, except its colour, from column `column` of `rows` ([`Accumulator::put_column`]).
     #[inline]
     pub(crate) fn take_column(&mut self, rows: &Rows, column: usize) {
         let [tau, lost_tau, opacity, lost_opacity, distance, lost, uncoloured, left] =

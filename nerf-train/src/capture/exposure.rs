@@ -40,7 +40,7 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Returns index and mean log gain of the photograph with the strongest gain; `None` if below a factor of two.
+    /// Returns index and log gain (mean of channels) of the photograph with the largest |log gain|; `None` below ln 2.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));
@@ -88,7 +88,7 @@ fn brightness(gain: &[f32; 3]) -> f64 {
     gain.iter().map(|&g| f64::from(g)).sum::<f64>() / 3.0
 }
 
-/// Returns the logarithm of the mean colour (0 to 255) around pixel `at`; `None` if too dark, clipped or transparent.
+/// Returns the natural log of the mean colour (0 to 255) around pixel `at`; `None` if too dark, clipped or transparent.
 fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     let (mut sum, mut count) = ([0.0; 3], 0.0);
     let [x, y] = at.map(|v| v.floor() as i64);
@@ -104,7 +104,7 @@ fn log_colour(view: &View, at: [f32; 2]) -> Option<[f64; 3]> {
     mean.iter().all(|c| (USABLE.0..USABLE.1).contains(c)).then(|| mean.map(f64::ln))
 }
 
-/// Returns each view's log gain in one channel. `observed`: index of the view, index of the point, log of the colour.
+/// Fits the log gain of each view in one channel, by least absolute residuals. `observed`: (view, point, log colour).
 fn least_absolute(observed: &[(usize, usize, f64)], views: usize) -> Vec<f64> {
     let points = observed.iter().map(|&(_, point, _)| point + 1).max().unwrap_or(0);
     let mut gains = vec![0.0; views];

@@ -39,7 +39,7 @@ pub struct Sights {
 }
 
 impl Sights {
-    /// Returns the lines of sight from `views` to `points`.
+    /// Makes a line of sight from each view to each reliable point that it shows, and counts the unused key points.
     pub fn of<V: Borrow<View> + Sync>(views: &[V], points: &[SparsePoint]) -> Self {
         let mut sights = Self::default();
         let of_view = |view: &V| {

@@ -22,7 +22,7 @@ use std::process::ExitCode;
 const MANY: usize = 300;
 /// Memory per photograph with a long side of about 800 pixels, bytes.
 const BYTES_EACH: u64 = 2_400_000;
-/// Estimated number of photographs that one core compares with the others per second.
+/// Estimated number of photographs that one core compares with all other photographs per second.
 const COMPARED_PER_SECOND: u64 = 30;
 /// Estimated number of bytes of image files that one core decodes per second.
 const DECODED_PER_SECOND: u64 = 15_000_000;

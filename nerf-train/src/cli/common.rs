@@ -92,7 +92,7 @@ impl Global {
         }
     }
 
-    /// Prints a progress message, unless `--quiet` is given.
+    /// Prints a message about progress to stderr, unless `--quiet` is given.
     pub fn say(&self, line: impl AsRef<str>) {
         progress::say(self.style(), line.as_ref());
     }

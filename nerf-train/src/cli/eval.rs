@@ -168,7 +168,7 @@ impl Eval {
         Ok(views)
     }
 
-    /// Returns the views with the refined poses stored next to the scene file; `None` if any view has no refined pose.
+    /// Returns `views` with the refined poses stored next to the scene file; `None` if any of them has no refined pose.
     fn refined(&self, dataset: &Dataset, views: &[&View]) -> anyhow::Result<Option<Vec<View>>> {
         let Some(refined) = RefinedPoses::beside(&self.file)? else { return Ok(None) };
         let cameras = refined.cameras(&self.file, views.iter().copied(), dataset.origin)?;

@@ -255,7 +255,7 @@ impl Fit {
         }
     }
 
-    /// Checks the options before any data is read. Returns the path of the checkpoint, if one is written.
+    /// Checks the options before any data is read. Returns the checkpoint's path; `None` if the output is a device.
     fn check(&self) -> anyhow::Result<Option<PathBuf>> {
         // The data's background is still unknown. The settings are checked again when it is known.
         self.config(Background::Alpha)?;

@@ -107,7 +107,7 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Trains combinations of this process's part that have no result, then reports all results. `more`: further lists.
+    /// Trains this process's missing combinations, then reports all results. `more`: further knobs and their values.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;

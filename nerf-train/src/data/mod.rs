@@ -268,7 +268,7 @@ impl std::str::FromStr for Cameras {
 /// Suffix of the name of a data set with shared cameras (one camera for each device).
 const SHARED: &str = ", shared cameras";
 
-/// Reads the choice of cameras from `name`, the data set's name in a `.nerf` blob.
+/// Returns the choice of cameras with which a scene was trained, from `name`, the data set's name in its `.nerf` blob.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
@@ -291,7 +291,7 @@ pub struct ReadOptions {
     pub layout: Option<Layout>,
     /// Factor by which photographs are reduced (`--downscale`); [`Downscale::Auto`] reduces nothing in Blender folders.
     pub downscale: Downscale,
-    /// Index, 0 to 7, of the held-out view in each group of eight, sorted by name; ignored if the data set has splits.
+    /// Index, 0 to 7, of the held-out view among each eight in the order of names; unused if the data set has splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
     /// File that stores shared cameras. If it was made from this reconstruction, it is read; otherwise it is written,
@@ -320,7 +320,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     read_watched(path, options, &Watch::default())
 }
 
-/// Does the same as [`read`], and counts the pictures read in `watch`, so that another thread can show the progress.
+/// Does the same as [`read`]. Counts the pictures in `watch`, from which another thread can show the progress.
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;

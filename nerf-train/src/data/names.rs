@@ -89,7 +89,7 @@ pub(crate) fn count(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
-/// Returns the first eight names, separated by commas, and the number of remaining names, if any, as text.
+/// Joins the first eight names with commas, and appends the number of further names, if any: `a, …, h and 3 more`.
 pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
     const SHOWN: usize = 8;
     let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();

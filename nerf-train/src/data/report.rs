@@ -41,7 +41,7 @@ pub struct Report {
     /// Position, in the world of the data set's files, of the origin of all coordinates in this report.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
-    /// The reader's warnings, then those of this report.
+    /// Warnings from reading the data set, then warnings of this report.
     pub warnings: Vec<String>,
 }
 
@@ -147,7 +147,7 @@ fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<Stri
     Some(warning)
 }
 
-/// Whether the optical axes would meet near a point if every matrix were read as world-to-camera.
+/// Whether the optical axes would meet near a point if every matrix were world-to-camera, as it then probably is.
 fn inverse_meets(cameras: &[Camera]) -> bool {
     let line = |camera: &Camera| {
         let inverse = camera.pose().rotation.transpose();

@@ -57,10 +57,10 @@ impl View {
         Self { camera, ..self.clone() }
     }
 
-    /// Returns the middle pixel of each block of `step` × `step` pixels, with a camera that has exactly the rays of
-    /// these pixels. `step` must be odd. Along a side shorter than `step`, a block is as long as the largest odd number
-    /// of pixels that fits; incomplete blocks are dropped. Returns the view itself if `step` is at most 1, or if the
-    /// mask leaves none of these pixels.
+    /// Returns a small view, quick to evaluate: the middle pixel of each block of `step` × `step` pixels, and a camera
+    /// that has exactly the rays of these pixels. `step` must be odd. Along a side shorter than `step`, a block is as
+    /// long as the largest odd number of pixels that fits; incomplete blocks are dropped. Returns the view itself if
+    /// `step` is at most 1, or if the mask leaves none of these pixels.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
             return Cow::Borrowed(self);

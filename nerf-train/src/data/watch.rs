@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Number of pictures read so far, and in total. For an archive, which is read at once, both stay 0.
+/// Number of pictures read so far, and in total. For an archive, which is read at once, these numbers stay 0.
 #[derive(Debug, Default)]
 pub struct Watch {
     done: AtomicU64,
@@ -21,7 +21,7 @@ impl Watch {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Returns the time spent on computing or reading shared cameras, one per device. It does not count as fit time.
+    /// Returns the time spent on computing or reading cameras that photographs of a device share. Fit time excludes it.
     pub fn set_aside(&self) -> Duration {
         Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
     }

@@ -19,7 +19,7 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Returns the used fraction of the budget, with `last_step` seconds added to the elapsed time for the next step.
+    /// Returns the used fraction of the budget if the next step takes `last_step` seconds, as the last step did.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
@@ -137,7 +137,7 @@ impl Keeper {
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 
-    /// Writes the checkpoint. On failure the previous checkpoint stays, and the first failure is reported.
+    /// Writes a checkpoint, if the run keeps one. On failure the previous one stays, and the first failure is reported.
     fn save(&mut self, task: &impl Task, progress: &Progress) {
         self.last = Instant::now();
         let Some((path, bytes)) = task.checkpoint() else { return };

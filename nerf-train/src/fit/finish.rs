@@ -219,8 +219,8 @@ pub(super) fn compare(
     if lattice < probe { on(lattice) } else { Ok(scores) }
 }
 
-/// Returns the PSNR lost on training views by rendering without the occupancy grid, dB, and the scores of these views
-/// with the grid. For a learned grid the lost PSNR is `None`.
+/// Returns the PSNR, dB, that the file `draft` loses on training views if rendered without its occupancy grid, and the
+/// scores of these views with the grid. For a learned grid, the loss is not measured: `None`.
 fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Option<f64>, Scores)> {
     let views = asked_views(session);
     let views: Vec<&View> = views.iter().collect();
@@ -261,8 +261,8 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Returns the score of each training photograph, without masked pixels. The pixels are so few that measuring is
-/// expected to take at most the fraction [`QUESTION_SHARE`] of the time limit.
+/// Returns the score of the file `draft` on each training photograph, without masked pixels. The pixels are so few that
+/// measuring is expected to take at most the fraction [`QUESTION_SHARE`] of the time limit.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -284,8 +284,8 @@ pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Returns the refined poses of all views, and the scores of the validation views with these poses on every
-/// `lattice`-th row and column. `None` twice if poses are not refined; without validation views, `None` for the scores.
+/// Returns the refined poses of all views, and the scores of the file `draft` with these poses on every `lattice`-th
+/// row and column of the validation views. No poses if they are not refined; no scores without validation views.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],

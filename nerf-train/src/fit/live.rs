@@ -101,8 +101,8 @@ impl Live {
         self.last.elapsed().as_secs_f64() >= EVERY.max(self.took / SHARE)
     }
 
-    /// Writes `blob`, whose export began at `begun`. On failure the previous file stays. Only the first failure returns
-    /// a warning for the user.
+    /// Writes `blob`, whose export began at `begun`, and `live.json` with `state`. A file that cannot be written keeps
+    /// its previous contents. Only the first failure returns a warning for the user.
     pub fn write(&mut self, blob: &[u8], state: &State, begun: Instant) -> Option<String> {
         let written = write(&self.folder, blob, state);
         (self.last, self.took) = (Instant::now(), begun.elapsed().as_secs_f64());

@@ -88,7 +88,7 @@ impl Pace {
 
     /// Returns the smallest spacing, along rows and columns, at which rendering the views is expected to take at most
     /// `seconds`. `pixels`: number of pixels of all views. `largest`: number of pixels of the largest view, of which at
-    /// least about `PROBED_PIXELS` are measured.
+    /// least about `PROBED_PIXELS` are measured. Returns 1 if `seconds` is infinite or the time per pixel is unknown.
     pub fn lattice(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         let coarsest = self.probe(largest);
         match self.per_pixel {

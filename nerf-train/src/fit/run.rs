@@ -126,7 +126,8 @@ impl Session<'_, '_> {
         self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
     }
 
-    /// Returns the number of times that each validation view is measured at the end: 2 if poses are refined, else 1.
+    /// Returns how often each validation view is measured at the end: 2 if poses are refined (given and refined), else
+    /// 1.
     pub(super) fn times(&self) -> u64 {
         if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
     }

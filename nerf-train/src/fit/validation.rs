@@ -141,8 +141,8 @@ pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Resul
     Ok(())
 }
 
-/// Measures the field in the file bytes `bytes` at every `lattice`-th row and column of `views`, and stores the time
-/// per pixel. `each` receives each rendering.
+/// Measures the field in the file bytes `bytes` at every `lattice`-th row and column of `views`, and stores the seconds
+/// per pixel in the session's `Pace`. `each` receives each rendering.
 pub(super) fn measure_priced(
     session: &mut Session<'_, '_>,
     bytes: &[u8],

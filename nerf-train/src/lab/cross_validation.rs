@@ -63,7 +63,7 @@ impl CrossValidation {
         Ok(Some(Self::judged(held_out, config.optimiser.steps)))
     }
 
-    /// Returns the finding as a sentence. `file`: the file of the names in `unpredicted`.
+    /// Returns the result as a sentence for the user. `file`: path of the file that lists the names in `unpredicted`.
     pub fn finding(&self, file: &Path) -> String {
         let Self { steps, median_psnr_db, unpredicted, .. } = self;
         let fits = format!(

@@ -135,8 +135,8 @@ pub struct Evaluation {
 
 impl Evaluation {
     /// Renders `views` with `plan`, and compares each with its photograph, as [`evaluate`] does. `bytes`: scene file of
-    /// `plan`; `split`: name of the views' split; `points`: sparse points, to which rendered depths are compared. `each` is
-    /// called with every view, its frame and score, in order.
+    /// `plan`; `split`: name of the views' split; `points`: sparse points, to which rendered depths are compared.
+    /// `each` is called with every view, its frame and score, in order.
     pub fn of<'v>(
         bytes: &[u8],
         plan: &Plan<'_>,
@@ -195,7 +195,7 @@ impl Evaluation {
         })
     }
 
-    /// Adds the mean PSNR and SSIM of `views`, which are the evaluated views with refined poses.
+    /// Renders `views`, the evaluated views with refined poses, and adds their mean PSNR and SSIM to this evaluation.
     pub fn add_refined(
         &mut self,
         bytes: &[u8],

@@ -1,4 +1,4 @@
-//! Measurements of a scene file: its contents, its error against photographs, and its cost.
+//! Measurements of a scene file: its contents, its error against photographs, and the time and work of rendering it.
 
 pub mod audit;
 pub mod bench;

@@ -10,7 +10,7 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{RaySegment, RenderError, Renderer};
 use nerf_core::{Kernel, host};
 
-/// Approximate number of pixels per view at which distances are measured; the pixels are on a regular grid.
+/// Approximate number of pixels per view, on a regular grid, at which median distances are measured.
 const ASKED_PIXELS: u64 = 10_000;
 /// Distance below which a surface is too near, as a fraction of the distance to the view's nearest sparse point.
 const TOO_NEAR: f32 = 0.9;
@@ -18,7 +18,8 @@ const TOO_NEAR: f32 = 0.9;
 /// Errors of a field's surfaces, which lie at the median distances of rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Surfaces {
-    /// Median over key points: relative error of `median_distance` against the sparse point. `None` without key points.
+    /// Relative error of `median_distance` against the distance of a sparse point, where a view shows the point: median
+    /// over points and views. `None` if no view shows a point.
     pub depth_error: Option<f64>,
     /// Mean over the views of the fraction of pixels whose `median_distance` is less than 0.9 times the distance of the
     /// nearest sparse point in the view; `None` if no view has a sparse point.
@@ -38,9 +39,8 @@ impl Surfaces {
     /// Outputs that a plan must have for [`Self::with`].
     pub const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
 
-    /// Measures the surfaces of a renderer's field against `points`. `plan` must have the outputs [`Self::OUTPUTS`].
-    ///
-    /// Uses only the key points and sparse points that [`Sights`] accepts.
+    /// Measures the surfaces of a renderer's field against the `points` that `views` show and [`Sights`] accepts. Both
+    /// errors are `None` without such points. `plan` must have the outputs [`Self::OUTPUTS`].
     pub fn with(
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,

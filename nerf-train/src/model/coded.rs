@@ -6,7 +6,7 @@ use nerf_core::encoding::{GridEncoding, GridLevel};
 
 /// Number of candidate quantisation steps per octave: neighbours differ by a factor of 2^(1/16).
 const TO_AN_OCTAVE: i32 = 16;
-/// Exponent `i` (see [`FINEST`]) of the default quantisation step of the level with the most values; 4.6 bits a value.
+/// Exponent `i` (see [`FINEST`]) of the default quantisation step of the largest level. A value then takes 4.6 bits.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
 /// Exponent `i` of the finest candidate step. A candidate step is 2^(`i` / 16) times the root mean square of all
 /// values. The exponents end at [`COARSEST`], with which every value becomes 0.
@@ -15,7 +15,7 @@ const COARSEST: i32 = 24 * TO_AN_OCTAVE;
 /// Power `p`: the step of a level with `n` values is proportional to `n^p`. In theory, 1/2 is best. Measured PSNR of
 /// the scene lego in 95 KB: 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
 const POWER: f32 = 0.25;
-/// Largest number of vertices per entry at which a level is searched for unread entries; with more, few are unread.
+/// Largest number of vertices per entry of a level that is searched for unread entries: above, few are unread.
 const SHARED: usize = 8;
 
 /// Returns the quantisation step of each level. With `most_bytes`, the steps are the smallest with which the coded
@@ -40,11 +40,11 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     }
 }
 
-/// Returns the least exponent from `least` to [`COARSEST`] with which coded tables take at most `most` bytes, else
-/// [`COARSEST`]. `rounded(i)`: table values rounded with exponent `i`, one signed byte each.
+/// Returns the least exponent `i` from `least` to [`COARSEST`] with which coded tables take at most `most` bytes, else
+/// [`COARSEST`]. `rounded(i)`: table values rounded to the quantisation steps of exponent `i`, one signed byte each.
 ///
 /// Coding takes 30 times as long as computing the [`entropy`]. The search therefore begins at an exponent estimated
-/// from entropies and one coding. Steps double until the result lies between two exponents; then intervals are halved.
+/// from entropies and one coding. From there, strides double until the result is bracketed; then the bracket is halved.
 fn finest_within(least: i32, most: usize, grid: &GridEncoding, rounded: impl Fn(i32) -> Vec<u8>) -> i32 {
     let exponents: Vec<i32> = (least..COARSEST).collect();
     let by_entropy = |bytes: f64| {

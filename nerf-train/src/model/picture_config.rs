@@ -101,7 +101,7 @@ impl FieldPreset {
 }
 
 impl FieldConfig {
-    /// Sets the finest level of the grid to one cell per pixel of an image of this size.
+    /// Sets the finest level of the grid, if there is one, to one cell per pixel of an image of `size`, pixels.
     pub fn for_picture(mut self, size: [u32; 2]) -> Self {
         if let Some(grid) = &mut self.grid {
             grid.finest = longest(size).min(MAX_GRID_RESOLUTION.into()) as u16;
@@ -133,7 +133,7 @@ impl FieldConfig {
         self.optimiser.check()
     }
 
-    /// Returns the network for an image of this size, pixels. The exported network has the same layers.
+    /// Returns the network for an image of this width and height, pixels. The exported network has the same layers.
     pub fn model(&self, size: [u32; 2]) -> Model {
         let layer = TrunkLayer { width: self.width as u16, skip: false };
         let (levels, scale) = (self.levels, AngleScale::Pi);

@@ -35,7 +35,7 @@ impl From<TableStorage> for Rounding {
 
 /// Fraction of a run after which training rounds int8 and coded tables, as export does, and compensates for rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fractions of a level's values to keep unclipped, one per candidate step; the largest magnitudes are clipped.
+/// Fractions of a level's values kept unclipped, one per candidate quantisation step. Largest magnitudes are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -122,8 +122,8 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Returns each level's quantisation step. Int8: the step of least squared error. Coded: the smallest step with which
-/// the tables fit the limit of bytes; without a limit, a default step.
+/// Returns each level's quantisation step. Coded: the smallest step with which the tables fit the limit of bytes or,
+/// without a limit, a default step. Int8 or f16: the int8 step of least squared error.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),

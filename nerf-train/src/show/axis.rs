@@ -57,7 +57,7 @@ pub fn labels(ticks: &[f64]) -> Vec<String> {
     ticks.iter().map(write).collect()
 }
 
-/// Shortens "1.50e6" to "1.5e6", "0e0" to "0".
+/// Removes superfluous zeros of scientific notation: "1.50e6" becomes "1.5e6", "0e0" becomes "0".
 fn tidy_exponent(text: &str) -> String {
     let Some((mantissa, exponent)) = text.split_once('e') else { return text.to_owned() };
     let mantissa = match mantissa.contains('.') {

@@ -16,7 +16,7 @@ pub struct Keyframe {
 /// a Catmull-Rom spline through positions and rotations. A rotation by 90° adds as much arc length as the mean distance
 /// between neighbouring `keys`. The logarithm of the focal length is interpolated linearly, without overshoot.
 ///
-/// If `keys` has one keyframe, the result is this keyframe; if `keys` is empty, the result is empty.
+/// Returns only the first keyframe if `keys` has one or `frames` is 1. Empty if `keys` is empty or `frames` is 0.
 pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     if keys.len() < 2 || frames < 2 {
         return keys.first().copied().into_iter().take(frames).collect();
@@ -49,7 +49,7 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     (0..frames).map(frame).collect()
 }
 
-/// Returns the rotations of `keys` as quaternions. Of q and −q (same rotation), the one nearer to the previous is used.
+/// Returns the rotations of `keys` as quaternions. Of q and −q (same rotation), uses that nearer to the previous one.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {

@@ -67,7 +67,7 @@ impl Table {
         })
     }
 
-    /// Returns the table's lines. `tidy` changes each cell before padding; `left`, `between`, `right`: text around
+    /// Formats the table as text. `tidy` changes each cell before padding; `left`, `between`, `right`: text around
     /// cells; `rule(right_aligned, width)`: dashes below the name of a column that is `width` characters wide.
     fn lines(
         &self,

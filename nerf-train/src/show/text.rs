@@ -13,9 +13,9 @@ static FONTS: LazyLock<Vec<FontRef<'static>>> = LazyLock::new(|| {
         .collect()
 });
 
-/// Largest line height, pixels; larger ones are clamped.
+/// Largest line height, pixels; larger line heights are clamped.
 const LARGEST: f32 = 400.0;
-/// Largest number of characters of a line; later ones are left out.
+/// Largest number of characters of a line of text; further characters are left out.
 const LONGEST: usize = 2_000;
 
 /// Direction in which a line of text runs.
@@ -32,7 +32,7 @@ struct Placed {
     x: f32,
 }
 
-/// Returns the positions of a line's characters, and width of the line, pixels.
+/// Places the characters of a line of text of height `size`, pixels. Returns the characters and the width, pixels.
 fn layout(text: &str, size: f32) -> (Vec<Placed>, f32) {
     let mut placed: Vec<Placed> = Vec::new();
     let mut x = 0.0;

@@ -79,8 +79,8 @@ enum FilmWriter {
 }
 
 impl Film {
-    /// Creates a video of `fps` frames per second: an MP4 if there is an `ffmpeg`, else a GIF. The first frame opens
-    /// the file and sets its size.
+    /// Creates a video of `fps` (above 0) frames per second: an MP4 if there is an `ffmpeg`, else a GIF. The first
+    /// frame opens the file and sets the size of all frames.
     pub fn new(path: PathBuf, ffmpeg: Option<Ffmpeg>, fps: f64) -> anyhow::Result<Self> {
         check_rate(fps)?;
         Ok(Self { path, ffmpeg, fps, writer: None })
@@ -101,7 +101,7 @@ impl Film {
         }
     }
 
-    /// Completes the file, and returns its path.
+    /// Completes the file, and returns its path. Fails if there was no frame.
     pub fn finish(self) -> anyhow::Result<PathBuf> {
         match self.writer {
             None => bail!(NO_FRAMES),

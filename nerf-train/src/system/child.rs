@@ -80,7 +80,8 @@ impl Helper {
         }
     }
 
-    /// Kills the child and the processes that it started; returns the child's exit status, `None` if it does not end.
+    /// Kills the child and the processes that it started; returns its exit status, `None` if it does not end within 1
+    /// s.
     pub fn kill(&self) -> Option<ExitStatus> {
         lock(&self.0).kill();
         self.wait(KILLED)

@@ -43,7 +43,7 @@ pub enum ProgressStyle {
     Quiet,
 }
 
-/// Values shown next to the number of steps done; a value that is `None` is left out.
+/// Values that a progress display shows next to the number of steps done. A value that is `None` is left out.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Message {
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -124,7 +124,7 @@ impl Progress {
         Self { what: what.into(), total, started: Instant::now(), first: 0, display }
     }
 
-    /// Creates a display for work of `total` steps, as [`Self::new`] does.
+    /// Creates a display, as [`Self::new`] does, for the work named `what`, which ends after `total` steps.
     pub fn steps(what: impl Into<String>, total: usize, style: ProgressStyle) -> Self {
         Self::new(what, Total::Steps(total as u64), style)
     }
@@ -334,7 +334,7 @@ pub fn say(style: ProgressStyle, line: &str) {
     }
 }
 
-/// Does the same as [`say`] for several lines. Callers must escape names in `lines` with [`printable::line`].
+/// Prints `lines` as [`say`] prints one line. Callers must escape names in `lines` with [`printable::line`].
 pub fn say_lines(style: ProgressStyle, lines: &str) {
     match style {
         ProgressStyle::Quiet => {}

@@ -117,7 +117,8 @@ struct Words {
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Guard that sets the message to print on a signal if no work is claimed. At most one exists. Default: "interrupted".
+/// Guard that sets the message to print on a signal if no work is claimed. At most one exists. Without a guard, the
+/// message is "interrupted".
 #[derive(Debug)]
 pub struct Note(());
 
@@ -150,8 +151,8 @@ impl Drop for Note {
     }
 }
 
-/// Runs `work` on another thread and returns its result; `None` if it takes longer than `limit`. A disk, pipe or lock
-/// that never answers must not keep the process from ending.
+/// Runs `work` on another thread and returns its result; `None` if `work` takes longer than `limit` or no thread
+/// starts. A disk, pipe or lock that never answers must not keep the process from ending.
 fn within<T: Send + 'static>(limit: Duration, work: impl FnOnce() -> T + Send + 'static) -> Option<T> {
     let (done, result) = mpsc::channel();
     std::thread::Builder::new().spawn(move || done.send(work())).ok()?;

@@ -52,7 +52,7 @@ const COARSE_HULL: u16 = 64;
 const NEAR_RADII: f32 = 0.1;
 /// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
-/// Least distance of two cameras (radii of the uncontracted ball) that must see a cell so that it is occupied at first.
+/// Least distance, in radii of the uncontracted ball, of two cameras that must see a cell that is occupied at first.
 const APART_RADII: f32 = 0.05;
 /// Quantile and factor. In an unbounded scene with sparse points, space is taken as empty up to this quantile of the
 /// distances from the cameras to the points in their photographs, times the factor.
@@ -63,7 +63,7 @@ const IN_FRONT: (f32, f32) = (0.01, 1.0);
 /// Quantile and factor. Rays of an unbounded scene end at this quantile of camera-to-point distances, times the factor.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
-/// Finds near plane, far plane and scene box from settings and data.
+/// Finds near plane, far plane and scene box from settings and data. Fails if one of them is missing or invalid.
 pub(crate) fn find_box(dataset: &Dataset, config: &Config) -> Result<Bounds, TrainError> {
     let (s, g) = (&config.sampling, &config.occupancy);
     if let Some(power) = s.contraction {

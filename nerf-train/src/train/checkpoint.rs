@@ -62,7 +62,7 @@ impl State {
         CurvePoint { step, seconds, train_psnr_db, val_psnr_db, ..CurvePoint::default() }
     }
 
-    /// Adds a point without validation to the curve, unless the curve has a point at the present step.
+    /// Adds a point without validation to the curve, unless the step is 0 or the curve has a point at the present step.
     pub fn note(&mut self, seconds: f64) {
         let step = self.progressed.step;
         if step > 0 && self.curve.last().is_none_or(|last| last.step != step) {
@@ -70,7 +70,7 @@ impl State {
         }
     }
 
-    /// Returns the last point of the curve that has a validation PSNR, and this PSNR, dB.
+    /// Returns the last point of the curve that has a validation PSNR, and this PSNR, dB; `None` before any validation.
     pub fn last_validation(&self) -> Option<(&CurvePoint, f64)> {
         self.curve.iter().rev().find_map(|point| Some((point, point.val_psnr_db?)))
     }

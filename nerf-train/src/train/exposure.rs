@@ -12,7 +12,7 @@ const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: first, while the gains are on trial; second, otherwise.
 const RATES: [f32; 2] = [5e-3, 1e-3];
 
-/// Exposure gains of the training photographs, relative to their mean exposure, at which the field is trained.
+/// Exposure gains of the training photographs relative to their mean exposure, which is the exposure of the field.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gains {
     log: LogGains,

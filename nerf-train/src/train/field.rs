@@ -65,7 +65,7 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Fills the batch with random pixels; for a learned grid, row by row: successive rays then read adjacent entries.
+    /// Fills the batch with random pixels; for a learned grid in row order: successive rays then read nearby entries.
     fn draw(&mut self) {
         let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;

@@ -31,7 +31,7 @@ pub use trainer::{Trainer, candidate};
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
-    /// Number of samples whose density was evaluated; without a learned grid, equal to `samples`.
+    /// Number of samples with evaluated density; `samples`: with computed gradients. Equal without a learned grid.
     pub evaluated: u64,
     pub samples: u64,
     /// Smoothed number of samples per ray. With a learned grid, only samples with a backward pass are counted.

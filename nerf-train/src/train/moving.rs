@@ -23,7 +23,7 @@ use std::ops::Range;
 const EVERY: u32 = 500;
 /// Least number of training photographs with which a run masks moving objects.
 const FEWEST_VIEWS: usize = 8;
-/// Limits on the number of patches: along a photograph's longer side, and in total. More patches get too few rays each.
+/// Largest numbers of patches: along a photograph's longer side, and in all photographs. More get too few rays each.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
@@ -63,7 +63,7 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// Maps a patch of `other`, another photograph, to the patch at the same relative position in this one.
+    /// Maps a patch of another photograph, whose patches are `other`, to the patch at the same relative position here.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -217,8 +217,8 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Returns each patch's error: root mean square, over the channels, of the mean signed error in the 3 × 3
-    /// neighbourhood minus its median over the photograph. `None` if the neighbourhood has fewer than `KNOWN` rays.
+    /// Returns each patch's error: root mean square, over the channels, of the mean signed error in the patch's 3 × 3
+    /// neighbourhood minus the photograph's median of this mean. `None` with fewer than `KNOWN` rays there.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {
@@ -289,7 +289,7 @@ fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     (0..poses.len()).map(of).collect()
 }
 
-/// Returns the connected regions of the patches marked in `off`, as lists of patch indices.
+/// Returns the connected regions (8 neighbours) of the patches marked in `off`, as lists of patch indices.
 fn regions(tiles: &Tiles, off: &[bool]) -> Vec<Vec<usize>> {
     let (mut visited, mut regions) = (vec![false; off.len()], Vec::new());
     for start in 0..off.len() {

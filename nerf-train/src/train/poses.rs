@@ -49,7 +49,7 @@ type Twist = [f32; 6];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections of the cameras that cast the next rays; the last move may be missing, as rays are cast early.
+    /// Corrections of the cameras that cast the next rays. The last move may be missing: rays are cast one step early.
     cast: Vec<Twist>,
     /// For each camera, the sum of the loss gradients with respect to its pose since the last move.
     sums: Vec<Twist>,
@@ -61,8 +61,8 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median reprojection error of the sparse points, pixels. If `by_tracks` is false: median motion of the
-    /// photographs' pixels by refining the poses in the first steps.
+    /// Median reprojection error of the sparse points, pixels, if `by_tracks`. Otherwise, image motion, pixels, that
+    /// refining the poses caused in the first steps: median over the photographs.
     pub pixels: f64,
     /// Whether `pixels` is the reprojection error of sparse points.
     pub by_tracks: bool,
@@ -83,8 +83,8 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns poses to refine, if any, and a finding about the given poses, if any. `sights`: whether sight lines
-    /// exist.
+    /// Returns the poses to refine (`None`: the given poses stay), and what the sparse points show about the given
+    /// poses (`None`: nothing). `sights`: whether the photographs have lines of sight to sparse points.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -147,14 +147,14 @@ impl Poses {
         moved
     }
 
-    /// Builds the request for the loss gradients of ray origins and directions. `share`: used fraction of the budget.
+    /// Returns a request for loss gradients by ray origin and direction. `share`: used fraction of the budget.
     pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
         RayQuestion { contraction: *contraction, blur }
     }
 
-    /// Adds the loss gradients of the rays of `batch` to the sums of their cameras.
+    /// Adds `gradients`, loss gradients of rays of `batch`, to the sums of the cameras that cast the rays.
     pub fn add<'g>(&mut self, batch: &Batch, gradients: impl Iterator<Item = &'g RayGradient>) {
         for gradient in gradients {
             let ray = gradient.ray as usize;
@@ -166,7 +166,8 @@ impl Poses {
         }
     }
 
-    /// Moves the cameras after every `EVERY`th step; `step` counts from 0. Returns the finding after `TRIAL` steps.
+    /// Moves the cameras after every `EVERY`th step. Returns a finding about the poses after `TRIAL` steps, otherwise
+    /// `None`. `step`: counted from 0; `share`: used fraction of the budget.
     pub fn step(
         &mut self,
         given: &[View],
@@ -180,7 +181,7 @@ impl Poses {
         self.verdict(step, given, contraction)
     }
 
-    /// Returns the finding about the poses after step `TRIAL` − 1, else `None`; steps are counted from 0.
+    /// Decides after step `TRIAL` − 1 (counted from 0) whether to go on refining the poses; `None` after other steps.
     fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;
@@ -192,6 +193,7 @@ impl Poses {
     }
 
     /// Moves each camera by one Adam step in the preconditioned coordinates, whose unit is one pixel of image motion.
+    /// `given`: the photographs with their given poses. `share`: used fraction of the budget; sets the learning rate.
     pub fn move_cameras(&mut self, given: &[View], share: f64, contraction: &Contraction) {
         self.moves += 1;
         let rate = RATES[0] * (RATES[1] / RATES[0]).powf(share as f32);
@@ -243,8 +245,8 @@ fn cameras(given: &[View], moved: &[Twist]) -> Vec<Camera> {
     given.iter().zip(moved).map(of).collect()
 }
 
-/// Returns the matrix `M` for which `vᵀ M v` is the mean square, pixels², of the image motion caused by a small camera
-/// motion `v`. The mean is over a grid of image points at three depths.
+/// Returns the matrix `M` for which `vᵀ M v` is the mean square, pixels², of the image motion caused by `v`, a small
+/// [`Twist`] of the camera. The mean is over a grid of image points at three depths.
 fn motion(camera: &Camera, contraction: &Contraction) -> [[f32; 6]; 6] {
     const SIDE: u8 = 5;
     let i = camera.intrinsics();
@@ -287,7 +289,7 @@ fn cholesky(m: &[[f32; 6]; 6]) -> [[f64; 6]; 6] {
     l
 }
 
-/// Returns `L⁻¹ x`, by forward substitution.
+/// Returns `L⁻¹ x` for the lower triangular matrix `L`, given as `l`, by forward substitution.
 fn forward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     let mut y = x.map(f64::from);
     for i in 0..6 {
@@ -297,7 +299,7 @@ fn forward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     y.map(|y| y as f32)
 }
 
-/// Returns `L⁻ᵀ x`, by back substitution.
+/// Returns `L⁻ᵀ x` for the lower triangular matrix `L`, given as `l`, by back substitution.
 fn backward(l: &[[f64; 6]; 6], x: Twist) -> Twist {
     let mut y = x.map(f64::from);
     for i in (0..6).rev() {

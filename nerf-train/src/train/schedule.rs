@@ -54,7 +54,7 @@ impl Clock {
         Self { before, ..self }
     }
 
-    /// Returns this clock with the time `spent` subtracted.
+    /// Returns this clock with `spent` subtracted, time of this command that is not to count as used.
     #[must_use]
     pub fn without(self, spent: Duration) -> Self {
         Self { start: self.start + spent, ..self }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// Number of steps at the start of a run in which photographs are withheld.
 const TRIAL: u32 = 1_500;
-/// First step whose colour errors are summed.
+/// First step whose colour errors are summed to find the PSNR of the photographs.
 const SUMMED_FROM: u32 = 1_000;
 /// Step from which a run that withheld photographs looks for moving objects: by then the field has also learned the
 /// photographs that were withheld at first.
@@ -138,7 +138,7 @@ impl Withheld {
     }
 }
 
-/// Returns a photograph's PSNR, dB, without its mean error (exposure); `None` with fewer than `KNOWN` rays.
+/// Returns a photograph's PSNR, dB, after each channel's mean error is subtracted; `None` with fewer than `KNOWN` rays.
 fn psnr_db(&[r, g, b, squares, count]: &[f64; 5]) -> Option<f64> {
     let offset = (r * r + g * g + b * b) / count;
     (count >= KNOWN).then(|| crate::train::psnr_db_of_mse((squares - offset) / (3.0 * count)))

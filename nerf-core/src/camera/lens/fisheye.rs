@@ -30,11 +30,11 @@ impl Lens {
         (dir.x / across * seen, dir.y / across * seen)
     }
 
-    /// The unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
+    /// Finds the unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
     ///
-    /// Finds the smallest angle to the axis that is seen as far from the principal point as `(xd, yd)`, by Newton's
-    /// method inside a bracket. `None` if no angle up to π is seen at that distance, or if the lens folds before that
-    /// distance is reached: beyond a fold, the seen distance no longer grows with the angle.
+    /// Computes the smallest angle to the axis that is seen as far from the principal point as `(xd, yd)`, by Newton's
+    /// method inside a bracket. `None` if no f32 angle up to π is seen at that distance within 1e-6, or if the lens
+    /// folds before that distance is reached: beyond a fold, the seen distance no longer grows with the angle.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {
@@ -104,8 +104,8 @@ impl Lens {
         low
     }
 
-    /// Whether the lens folds between the axis and the unit direction `dir`. Past a fold, one image point shows two
-    /// directions.
+    /// Whether the lens folds between the axis and the direction `dir` (right, down, forward; unit length). Past a
+    /// fold, one image point shows two directions.
     pub(super) fn fisheye_folds_before(&self, dir: Vec3) -> bool {
         let theta = angle(Vec2::new(dir.x, dir.y).length(), dir.z);
         (1..=128u8).any(|step| {

@@ -7,8 +7,8 @@ use glam::{Vec2, Vec3};
 /// axis, and the determinant of the distortion's Jacobian. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
 /// Limit for a minimum of the distortion's slope along a line from the axis. If the slope has a minimum of at most
-/// this, the lens counts as folded, even if the minimum is above [`FOLD`]: a step of Newton's method may jump across a
-/// low minimum (measured: minima up to 0.01).
+/// `TURN`, the lens counts as folded, even if the minimum is above [`FOLD`]: a step of Newton's method may jump across
+/// a low minimum (measured: minima up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -37,8 +37,8 @@ impl Lens {
         )
     }
 
-    /// The ideal (undistorted) point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`]. Both points are in
-    /// normalised image coordinates.
+    /// Finds the ideal (undistorted) point that is seen at `(xd, yd)`: the inverse of [`Lens::distort`]. Both points
+    /// are in normalised image coordinates.
     ///
     /// - Perspective lens with `k3 k4 k5 k6` all 0: Newton's method from `(xd, yd)`, at most 20 steps. `None` if a step
     ///   begins at or past a fold (the Jacobian's determinant is at most 1e-3).
@@ -89,7 +89,7 @@ impl Lens {
         None
     }
 
-    /// The direction (right, down, forward; of any length) that is seen at the normalised image coordinates
+    /// Finds the direction (right, down, forward; of any length) that is seen at the normalised image coordinates
     /// `(xd, yd)`. `None` if no inverse of the distortion is found. The direction of a fisheye may point backward.
     pub fn direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         match self.projection {
@@ -103,9 +103,9 @@ impl Lens {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }
 
-    /// The ideal (undistorted) point that is seen at `(xd, yd)`, by damped Newton steps: a step is halved until it
-    /// reduces the residual and does not pass a fold. Lenses with `k3 k4 k5 k6` need this, since full steps may
-    /// diverge. `None` if 40 steps do not find the point.
+    /// Finds the ideal (undistorted) point that is seen at `(xd, yd)`, by damped Newton steps: a step is halved until
+    /// it reduces the residual and does not pass a fold. Lenses with `k3 k4 k5 k6` need this, since full steps may
+    /// diverge. `None` if no start before the fold is found, if halving a step does not help, or after 40 steps.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
@@ -141,7 +141,7 @@ impl Lens {
         None
     }
 
-    /// The radial factor at `r2`, the squared distance from the axis, and the factor's derivative with respect to `r2`.
+    /// Returns the radial factor at `r2`, the squared distance from the axis, and its derivative with respect to `r2`.
     fn radial(&self, r2: f32) -> (f32, f32) {
         let above = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
         let slope = self.k1 + r2 * (2.0 * self.k2 + r2 * (3.0 * self.k3));
@@ -186,7 +186,7 @@ impl Lens {
             && self.bend(9.0 / 7.0 * radius) <= 0.125
     }
 
-    /// The direction (right, down, forward) that is seen at the normalised image coordinates `(xd, yd)`. `None` if
+    /// Finds the direction (right, down, forward) seen at the normalised image coordinates `(xd, yd)`. `None` if
     /// [`Lens::direction`] is `None` or if, with `from_axis`, the lens folds between the axis and the direction.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         let dir = self.direction(xd, yd)?;
@@ -202,8 +202,8 @@ impl Lens {
     }
 
     /// Whether Newton's method may start at the seen point `(xd, yd)`: no fold lies between the axis and this point,
-    /// and the first step cannot jump across the axis. The caller ensures that this point is further from the axis than
-    /// the solution.
+    /// and the first step cannot jump across the axis. The caller ensures that the seen point is further from the axis
+    /// than the ideal point, which the method finds.
     fn starts_well(&self, xd: f32, yd: f32) -> bool {
         let (fx, fy) = self.distort(xd, yd);
         let (ex, ey) = (fx - xd, fy - yd);
@@ -267,7 +267,7 @@ impl Lens {
         })
     }
 
-    /// The direction (right, down, forward; of any length) seen at the normalised image coordinates `(xd, yd)`.
+    /// Finds the direction (right, down, forward; any length) seen at the normalised image coordinates `(xd, yd)`.
     /// [`Camera::new`](crate::camera::Camera::new) has checked the lens at a grid of image points only. If the lens
     /// folds between these points (possible with strong `p1 p2`), returns `(xd, yd, 1)`, which is wrong but finite.
     #[inline]
@@ -278,7 +278,7 @@ impl Lens {
         self.direction(xd, yd).unwrap_or(Vec3::new(xd, yd, 1.0))
     }
 
-    /// Jacobian of [`Self::distort`] at `(x, y)`: rows are outputs, columns inputs.
+    /// Returns the Jacobian of [`Self::distort`] at `(x, y)`: rows are outputs, columns inputs.
     pub(super) fn jacobian(&self, x: f32, y: f32) -> ([f32; 2], [f32; 2]) {
         let r2 = x * x + y * y;
         let (radial, slope) = self.radial(r2);

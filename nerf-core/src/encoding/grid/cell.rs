@@ -5,8 +5,8 @@ use super::{GridLevel, GridTables};
 use crate::memory::tail;
 use crate::simd::{Indices, Lanes};
 
-/// Maps positions to 0..1 on each axis of the box that the grid spans. `x`: `[inputs][stride]`. SIMD lane `i` has the
-/// position in column `column` + `i` of `x`.
+/// Maps positions to 0..1 on each axis of the box that the grid spans. `x`: positions, `[inputs][stride]`, in the units
+/// of the box. SIMD lane `i` of the result is the position in column `column` + `i` of `x`.
 ///
 /// A coordinate outside of the box is moved to the nearest face. A NaN becomes 0.
 #[inline(always)]
@@ -80,8 +80,8 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// Returns the interpolation weight of each row (two corners that differ only in x). In 2D it is the weight along
-    /// y, in 3D the product of the weights along y and z. The weight along x is left out.
+    /// Returns the interpolation weight of each row (two corners that differ only in x), without the weight along x. In
+    /// 2D (`ROWS` = 2), it is the weight along y; in 3D (`ROWS` = 4), the product of the weights along y and z.
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;

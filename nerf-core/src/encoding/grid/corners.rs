@@ -24,8 +24,8 @@ pub struct GridCorners<'w> {
 }
 
 /// Writes to `corners` the indices and the interpolation weights of the table entries that
-/// [`encode_grid_block`](super::encode_grid_block) reads at `level`. The weights are bit-identical to the weights in
-/// that function.
+/// [`encode_grid_block`](super::encode_grid_block) reads at `level`, for a trainer's backward pass. The weights are
+/// bit-identical to the weights in `encode_grid_block`.
 ///
 /// `x` and `stride`: as for `encode_grid_block`. Of `tables`, only the box is used.
 ///

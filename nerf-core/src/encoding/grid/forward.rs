@@ -111,7 +111,8 @@ impl<T: Value> Encode<'_, T> {
     }
 }
 
-/// Encodes the positions `units` at one level and writes the encoded values to `out` from column `first` on.
+/// Encodes the positions `units`, 0 to 1 on each axis of the box, at one level. Writes the encoded values to `out`,
+/// `[outputs][stride]`, from column `first` on. `reads`: memory.
 ///
 /// Not inlined in WebAssembly: in a larger function V8 recomputes the level's constants for each vector.
 #[cfg_attr(target_arch = "wasm32", inline(never))]

@@ -95,7 +95,7 @@ impl GridEncoding {
         self.inputs
     }
 
-    /// Number of encoded values.
+    /// Number of encoded values of a position.
     ///
     /// ```
     /// use nerf_core::encoding::GridEncoding;
@@ -110,7 +110,7 @@ impl GridEncoding {
         self.resolutions.len() * usize::from(self.features)
     }
 
-    /// Iterator over the grid's levels, in the order of [`GridEncoding::resolutions`].
+    /// Returns an iterator over the grid's levels, in the order of [`GridEncoding::resolutions`].
     pub fn levels(&self) -> GridLevels<'_> {
         GridLevels::of(self)
     }
@@ -160,7 +160,7 @@ impl GridEncoding {
         encode_grid_block(isa, self, tables, stride, x, out);
     }
 
-    /// Backward pass through the encoding of a block of samples, for any function `f` of the encoded values.
+    /// Computes the backward pass through the encoding of a block of samples, for any function `f` of encoded values.
     ///
     /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`, set to ∂f/∂x:
     /// `[inputs][stride]`. Unless `stride` is a multiple of [`Isa::columns`], all samples are computed one by one.

@@ -47,7 +47,7 @@ pub struct SinusoidalEncoding {
 }
 
 impl SinusoidalEncoding {
-    /// Number of encoded values.
+    /// Number of encoded values of a position or direction.
     ///
     /// ```
     /// use nerf_core::encoding::{AngleScale, SinusoidalEncoding};

@@ -37,7 +37,7 @@ pub struct Effects {
 /// random positions therefore equals the integral of the density.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Jitter {
-    /// Seed of the random positions.
+    /// Seed of the random positions of samples; equal seeds give equal positions.
     pub seed: u64,
 }
 

@@ -1,4 +1,4 @@
-//! Deferred shading of several fields: each field's features `h` are composited along a ray, then shaded once per ray.
+//! Deferred shading of several fields: each field's hidden features are composited along a ray and shaded once per ray.
 
 use crate::memory::{Layout, at};
 use crate::render::field::Field;
@@ -22,8 +22,8 @@ pub(super) struct Deferred<'w> {
     /// Hidden features `h` of the sample in each ray's current bin: one table `[rays][rows]` for each field, where
     /// `rows` is the field's number of features.
     parts: &'w mut [f32],
-    /// Sums along each ray: one table `[rays][rows + 1]` for each field. A row holds Σ weight · h of each feature, then
-    /// Σ weight.
+    /// Sums along each ray: one table `[rays][rows + 1]` for each field. A row holds Σ weight · `h` for each hidden
+    /// feature `h`, then Σ weight.
     sums: &'w mut [f32],
     pub networks: RayNetworks<'w>,
 }
@@ -55,20 +55,20 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Index range in `Deferred::sums` that holds the sums of field `member` on the rays `ray..ray + count`.
+    /// Returns the index range in `Deferred::sums` of the sums of field `member` on the rays `ray..ray + count`.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };
         sums + ray * row..sums + (ray + count) * row
     }
 
-    /// Index range in `Deferred::parts` that holds the `h` of field `member` on ray `ray`.
+    /// Returns the index range in `Deferred::parts` of the hidden features of field `member` on ray `ray`.
     fn h(&self, member: usize, ray: usize) -> Range<usize> {
         let Place { h, rows, .. } = at(self.places, member);
         h + ray * rows..h + (ray + 1) * rows
     }
 
-    /// Zeroes the weighted sums of `h` of the first `count` rays, for all fields.
+    /// Zeroes the sums of all fields on the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         for member in 0..self.places.len() {
             let sums = self.sums(member, 0, count);
@@ -76,14 +76,14 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Returns the memory for the composited features `h` of field `member`, of ray `ray`'s sample in the current bin.
+    /// Returns the memory for the hidden features of field `member` at the sample in ray `ray`'s current bin.
     pub fn h_mut(&mut self, member: usize, ray: usize) -> &mut [f32] {
         let range = self.h(member, ray);
         self.parts.get_mut(range).unwrap_or_default()
     }
 
-    /// Adds a sample to the sums of field `member` on ray `ray`: `weight` times the `h` in [`Deferred::h_mut`], and
-    /// `weight` itself.
+    /// Adds the sample in ray `ray`'s current bin to the sums of field `member`: `weight` times the hidden features
+    /// that the caller has written to [`Deferred::h_mut`], and `weight` itself.
     pub fn add(&mut self, member: usize, ray: usize, weight: f32) {
         let h = self.parts.get(self.h(member, ray)).unwrap_or_default();
         let sums = self.sums(member, ray, 1);
@@ -93,8 +93,8 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Returns the buffers for evaluating the colour branch once per ray, and the weighted sums of `h` of field
-    /// `member` for the first `count` rays.
+    /// Returns the buffers for evaluating the colour branch once per ray, and the sums of field `member` on the first
+    /// `count` rays.
     pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
         let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
         (&mut self.networks, sums)

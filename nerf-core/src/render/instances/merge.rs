@@ -144,8 +144,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders one ray of each pixel of the tile: the ray of index `pixels.turn`. If `COLLIDE` is true, a ray ends at a
-    /// random collision: where the optical thickness along the ray reaches [`RaySource::until`].
+    /// Renders ray `pixels.turn` of each pixel of the tile. Passes each pixel to `target` after the pixel's last ray.
+    /// `COLLIDE`: whether a ray ends at a random collision, where its optical thickness reaches [`RaySource::until`].
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -183,7 +183,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Starts ray `i` of the tile, through pixel `(x, y)`, and marches the ray to each field's first occupied bin.
+    /// Starts ray `i`, of pixel `(x, y)`: marches the ray to each field's first occupied bin. `COLLIDE`: see `turn`.
     fn start<const COLLIDE: bool>(&mut self, (x, y): (u32, u32), i: usize, source: &impl RaySource) {
         let (capacity, ray) = (self.world.len(), source.ray(x, y));
         let range = source.range(x, y, &ray);
@@ -207,7 +207,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Marches ray `i` to the next occupied bin of field `member`, and stores the bin in `parts`.
+    /// Marches ray `i` to the next occupied bin of field `member`. Stores in `parts` the bin, or that there is none.
     fn next_part(&mut self, member: usize, i: usize) {
         let Some(Instance { renderer, plan, placement }) = self.instances.get(member) else { return };
         let place = member * self.world.len() + i;
@@ -240,7 +240,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// If the shading of field `member` is deferred, adds the field's colours to the first `count` rays.
+    /// If shading of field `member` is deferred, adds the field's colour, evaluated once per ray, to rays `0..count`.
     fn shade(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let field = self.instances.get(member).map(|it| it.field());
         let Some(field) = field.filter(|field| field.shades_rays()) else { return };
@@ -255,6 +255,7 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 
     /// Evaluates and composites the samples that the first `count` rays wait for. Returns `false` if no ray waits.
+    /// `COLLIDE`: see `turn`.
     fn round<M: Math, const COLLIDE: bool>(&mut self, count: usize, counters: &mut Counters) -> bool {
         let mut any = false;
         for member in 0..self.instances.len() {
@@ -282,7 +283,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         any
     }
 
-    /// Evaluates field `member` at `n` samples of different rays (in `self.density`); stores the results in `parts`.
+    /// Evaluates field `member` at the `n` samples in `self.density`, one per ray. Stores the results in `parts`. Does
+    /// not evaluate colours below the colour cut, unless `COLLIDE`, which ignores the cut.
     fn ask<const COLLIDE: bool>(&mut self, member: usize, n: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let (field, first, density) = (it.field(), member * self.world.len(), &mut self.density);
@@ -343,7 +345,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Composites ray `i` up to the next sample that must be evaluated, or to the ray's end.
+    /// Composites ray `i` up to the next sample that must be evaluated, or to the ray's end. `COLLIDE`: see `turn`.
     fn advance<M: Math, const COLLIDE: bool>(&mut self, i: usize) {
         let (members, capacity) = (self.instances.len(), self.world.len());
         loop {
@@ -393,8 +395,9 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Composites the segment `from..to` of ray `i`. `sigma`: sum of the fields' densities. `counts_at`: distance that
-    /// the segment contributes to the weighted mean `ray_distance`; `None` for the segment's middle.
+    /// Composites the segment `from..to` of ray `i`, world units from the ray's start. `sigma`: sum of the fields'
+    /// densities, 1/world unit. `counts_at`: distance that the segment contributes to the weighted mean `ray_distance`;
+    /// `None` for the segment's middle. `COLLIDE`: see `turn`.
     fn composite<M: Math, const COLLIDE: bool>(
         &mut self,
         i: usize,

@@ -170,7 +170,7 @@ pub(in crate::render) struct CandidateBins {
     first: f32,
     /// Bin width divided by interval width; 0 if all bins are candidates.
     per_bin: f32,
-    /// Interval width divided by bin width.
+    /// Interval width divided by bin width; 0 if all bins are candidates.
     bins: f32,
 }
 
@@ -215,13 +215,14 @@ impl CandidateBins {
 
 /// Upper bound of 1 / length of a ray's direction. A direction is accepted if its squared length is within 1e-3 of 1.
 const LENGTH: f32 = 1.002;
-/// Number of equal intervals into which a packet's path through the box is divided. Each is looked up at its middle.
+/// Number of equal intervals of a packet's path through [`Packets::around`]. Each interval is looked up at its middle.
 const INTERVALS: u32 = 64;
 /// Largest accepted rounding error of a distance along the ray, in interval widths. If the error may be larger, all
 /// intervals are treated as possibly occupied.
 const MOST_ROUNDING: f32 = 0.25;
 
-/// Lookup of [`INTERVALS`] intervals of `ray` in the coarse grid. Output bit `i`: whether interval `i` may be occupied.
+/// Vector loop that looks up the middles of [`INTERVALS`] intervals of `ray` in the coarse grid; interval `i` begins at
+/// distance `near + i · step`. Output bit `i`: whether occupied cells may lie in interval `i`.
 struct LookUp<'a> {
     packets: &'a Packets<'a>,
     ray: &'a Ray,

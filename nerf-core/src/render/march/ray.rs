@@ -65,7 +65,8 @@ impl RayState {
         }
     }
 
-    /// Advances `next` to the first bin at or after `next` with a sample in an occupied cell; `false` if there is none.
+    /// Advances `next` to the first bin at or after `next` with a sample in an occupied cell. Returns `false` if there
+    /// is none. `bins`: bins through which the ray is marched. `jitter`: position of each sample in its bin.
     #[cfg_attr(target_os = "none", inline(never))]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, jitter: SampleJitter) -> bool {
         if VECTORS && self.march_looked_up() {
@@ -84,7 +85,7 @@ impl RayState {
         self.next < self.end
     }
 
-    /// Advances `next` to the first occupied bin of `window` at or after `next`. Returns `false` if there is none.
+    /// Advances `next` to the first occupied bin in `window` from `next` on; returns `false` if `window` has none left.
     #[inline]
     pub fn march_looked_up(&mut self) -> bool {
         let found = self.window.left(self.next).filter(|&bin| bin < self.end);
@@ -93,8 +94,8 @@ impl RayState {
     }
 }
 
-/// Returns the plan's occupancy grid if bins are looked up sixteen at a time ([`Window`]). `None` if bins are looked up
-/// one by one, or if there is no grid.
+/// Returns the plan's occupancy grid if bins are looked up sixteen at a time ([`Window`]). `None` without a grid, or if
+/// bins are looked up one by one: with jitter, with [`Isa::Portable`], and in builds without vector instructions.
 #[inline]
 pub(super) fn windows<'p>(isa: Isa, plan: &'p Plan<'_>) -> Option<&'p OccupancyGrid<'p>> {
     plan.occupancy.as_ref().filter(|_| VECTORS && isa != Isa::Portable && plan.effects.jitter.is_none())
@@ -109,7 +110,7 @@ pub(super) struct MarchAll<'a> {
     pub rays: &'a mut [RayState],
     /// Indices in `rays` of the rays to march.
     pub list: &'a [u32],
-    /// If `true`, all cells at the faces of the scene box are empty. `false` if this is not known.
+    /// As [`LookUp::inner`]; `false` if the cells at the faces of the scene box are not known to be empty.
     pub inner: bool,
 }
 
@@ -219,8 +220,8 @@ impl<'w> ProposalSamples<'w> {
         state.next < state.end
     }
 
-    /// Returns the distance of the next sample of `ray`. `column`: column of the block for this sample. If a
-    /// proposal network is used, also stores the sample's index, for [`ProposalSamples::interval`].
+    /// Returns the position of the next sample along `ray`, in the units of `Density::t`. `column`: column of the block
+    /// for this sample. With a proposal network, also stores the sample's index, for [`ProposalSamples::interval`].
     #[inline]
     pub fn take(
         &mut self,
@@ -237,7 +238,8 @@ impl<'w> ProposalSamples<'w> {
         at(rows.of(ray), state.next as usize)
     }
 
-    /// Returns the interval of the sample of `ray` in column `column` of the block. `t`: distance of this sample.
+    /// Returns the interval of `ray` over which the density of the sample in column `column` of the block is used. `t`:
+    /// position of this sample, from [`ProposalSamples::take`].
     #[inline]
     pub fn interval(
         &self,
@@ -264,7 +266,7 @@ impl<'w> ProposalSamples<'w> {
         self.0.iter_mut().for_each(|rows| head_mut(rows.t, rays * rows.row).fill(0.0));
     }
 
-    /// Stores `bin` as the proposal bin that is evaluated in column `column` of the block.
+    /// Stores `bin` as the proposal bin in column `column` of the block, for [`ProposalSamples::put_weight`].
     #[inline]
     pub fn take_bin(&mut self, bin: u32, column: usize) {
         self.0.iter_mut().for_each(|rows| put(rows.index, column, bin));

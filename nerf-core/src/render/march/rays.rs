@@ -27,12 +27,12 @@ pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
     /// A box around all occupied cells of the occupancy grid; `None` if there is no occupied cell or no grid.
     occupied: Option<SceneBox>,
-    /// If `true`, all cells at the faces of the scene box are empty. Always `false` in builds without vector
-    /// instructions, to keep these builds small.
+    /// Whether all cells at the faces of the scene box are empty (`LookUp::inner`). Always `false` in builds without
+    /// vector instructions, to keep these builds small.
     inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     pub states: &'w mut [RayState],
-    /// Number of rays that are stored in `states`.
+    /// Number of the tile's rays that are stored, at the start of `states`.
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
@@ -66,8 +66,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Marches one ray of each pixel to its first sample in an occupied cell. If a ray has no such sample, adds the
-    /// ray's result to its pixel at once.
+    /// Marches the ray that `source` gives for each pixel to its first sample in an occupied cell. If a ray has no such
+    /// sample, adds the ray's result to its pixel at once. `COLLIDE`: whether rays end at random collisions.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -92,7 +92,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of the pixels in `part` as one packet: marches each ray to its first sample in an occupied cell.
+    /// Starts the rays of the pixels in `part` as [`Rays::start`] does, but looks up empty space for all rays at once.
     fn start_packet<M: Math, const COLLIDE: bool>(
         &mut self,
         packets: &Packets<'_>,
@@ -149,8 +149,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         self.hits = hits;
     }
 
-    /// Starts the ray of a pixel: marches the ray to its first sample in an occupied cell and appends the ray to
-    /// `states`. If there is no such sample, adds the ray's result to the pixel at once.
+    /// Starts the ray of one pixel, as [`Rays::start`] does. Appends the ray to `states`, or, if the ray cannot have a
+    /// sample in an occupied cell, adds the ray's result to the pixel.
     #[inline(never)]
     fn start_ray<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -205,12 +205,12 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Fills a block with at most `room` samples of the active rays and returns the number of samples. Passes the
-    /// column, ray index and distance of each sample to `put`.
+    /// Fills a block with at most `room` samples of the active rays and returns the number of samples. Passes each
+    /// sample's column, ray index and position along the ray ([`ProposalSamples::take`]) to `put`.
     ///
     /// Usually each ray contributes one sample. If fewer rays are active than a vector has lanes, each ray contributes
-    /// several. If samples cannot end a ray (no transmittance threshold, no collisions), each ray contributes all its
-    /// remaining samples, up to the room in the block.
+    /// several. If samples cannot end a ray (no transmittance cut, and not `COLLIDE`: no collisions), each ray
+    /// contributes all its remaining samples, up to the room in the block.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {
@@ -237,6 +237,7 @@ impl<'f, 'w> Rays<'f, 'w> {
 }
 
 /// Sets `state` to the start of a pixel's ray. `intervals`: intervals along the ray that may have occupied cells.
+/// `COLLIDE`: whether the ray ends where its optical thickness reaches [`RaySource::until`] of `source`.
 fn begin<const COLLIDE: bool>(
     plan: &Plan<'_>,
     pixel: (u32, u32),

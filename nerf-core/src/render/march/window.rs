@@ -39,7 +39,8 @@ pub(super) struct LookUp<'a> {
     pub bins: &'a Bins,
     /// The bins to look up. All other bins are treated as empty.
     pub candidates: &'a CandidateBins,
-    /// If `true`, all cells at the faces of the scene box are empty.
+    /// `true` only if all cells at the faces of the scene box are empty. A bin outside of the box is looked up in such
+    /// a cell; if `inner` is `false`, an occupied bin must be tested against the box, too.
     pub inner: bool,
 }
 
@@ -73,7 +74,7 @@ impl LookUp<'_> {
         end.min(found.end - WIDTH + found.occupied.trailing_zeros())
     }
 
-    /// Looks up the bins of one window, from `first` on. Bit `i` of the result: whether bin `first + i` is occupied.
+    /// Looks up sixteen bins. Bit `i` of the result: whether the middle of bin `first + i` is in an occupied cell.
     #[inline(always)]
     fn occupied<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;

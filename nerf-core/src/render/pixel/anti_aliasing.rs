@@ -15,8 +15,8 @@ pub(crate) fn rays(effects: &Effects) -> u32 {
     effects.anti_aliasing.into()
 }
 
-/// Position of ray `ray` in its pixel: distances from the left and the upper edge, pixels, in `(0, 1)`. A single ray is
-/// at the centre.
+/// Returns the position of ray `ray` in its pixel: distances from the left and the upper edge, pixels, in `(0, 1)`. A
+/// single ray is at the centre.
 ///
 /// Positions are the same in every pixel. `n` rays divide the pixel into `n` columns and `n` rows; each column and each
 /// row has one ray. The mean position is therefore the pixel's centre.

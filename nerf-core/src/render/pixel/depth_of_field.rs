@@ -10,7 +10,8 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// Index of the aperture's ring through which ray `ray` of every pixel passes. The rings, one per ray, have equal area.
+/// Returns the index of the aperture's ring through which ray `ray` of every pixel passes; 0 without depth of field.
+/// The rings, one per ray of a pixel, have equal area.
 ///
 /// Rays of consecutive indices are neighbours in the pixel, and pass through rings that are far apart. If ray and ring
 /// had the same index, all rays at one side of the pixel would pass near the aperture's rim.
@@ -40,8 +41,8 @@ pub(crate) fn through_lens(
     }
 }
 
-/// Returns the ray from point `at` of the aperture to the point where `pinhole` meets the plane of focus. `at`: in
-/// aperture radii.
+/// Returns the ray from point `at` of the aperture (in aperture radii) to the point where `pinhole` meets the plane of
+/// focus. Returns `pinhole` itself if it does not meet that plane.
 ///
 /// The aperture is perpendicular to the view axis, so that the origins of all rays have z_depth 0. A point at distance
 /// `t` along the returned ray therefore has a z_depth of `t` times the cosine between that ray and the view axis.
@@ -58,7 +59,7 @@ fn lens_ray(lens: &ThinLens, pose: &Pose, pinhole: &Ray, at: (f32, f32)) -> Ray 
     Ray { origin: pinhole.origin + offset, dir: (focus - offset).normalize() }
 }
 
-/// A random point of the unit disc, in ring `area` ([`area`]). `stream`: the pixel's random stream ([`pixel_stream`]).
+/// Returns a random point in ring `area` ([`area`]) of the unit disc. `stream`: the pixel's stream ([`pixel_stream`]).
 ///
 /// Sunflower pattern: one point in each ring of equal area, from the middle outwards; successive points are the golden
 /// angle apart. The radial position within the rings and the angle of the first point are random for each pixel. Each

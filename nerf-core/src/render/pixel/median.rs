@@ -30,7 +30,8 @@ impl<'w> Medians<'w> {
         self.distance.iter_mut().take(count).for_each(|distance| *distance = NOT_YET);
     }
 
-    /// Whether the sample last added to `gathered` is the first to lower the transmittance of `ray` below one half.
+    /// Whether the sample last added to `gathered` is the first to lower the transmittance of `ray` below one half. The
+    /// caller then calls [`Medians::put`]. Always `false` if median distances are not requested.
     ///
     /// The comparison is `<`, as for the transmittance threshold. Therefore, even if that threshold is one half, a ray
     /// does not end before its median.
@@ -40,8 +41,8 @@ impl<'w> Medians<'w> {
         distance.is_some_and(|&distance| distance == NOT_YET && gathered.transmittance() < 0.5)
     }
 
-    /// Computes and stores the median distance of `ray`, a distance in the interval with middle `mid`, width `delta`
-    /// and density `sigma`. `before`: optical thickness in front of the interval.
+    /// Computes and stores the median distance of `ray`, which lies in the interval of middle `mid` and width `delta`,
+    /// world units. `sigma`: density there, 1/world unit. `before`: optical thickness in front of the interval.
     pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
         if let Some(distance) = self.distance.get_mut(ray as usize) {
             *distance = median_in_bin(before, sigma, mid, delta);
@@ -55,9 +56,9 @@ impl<'w> Medians<'w> {
     }
 }
 
-/// Distance along the ray, world units, at which the transmittance falls to one half inside a bin of constant density:
-/// `t_edge + (ln 2 − thickness) / sigma`, where t_edge is the bin's near edge. The result is clamped to the bin, and
-/// is the near edge if `sigma` is +inf.
+/// Returns the distance along the ray, world units, at which the transmittance falls to one half inside a bin of
+/// constant density: `t_edge + (ln 2 − thickness) / sigma`, where t_edge is the bin's near edge. The result is clamped
+/// to the bin, and is the near edge if `sigma` is +inf.
 ///
 /// `thickness`: Σ sigma·delta of the bins in front, below ln 2 up to rounding. `sigma`: density of the bin, not 0. `t`:
 /// middle of the bin, world units along the ray. `delta`: width of the bin, world units along the ray.

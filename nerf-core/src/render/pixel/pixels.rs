@@ -17,7 +17,7 @@ pub(in crate::render) struct Pixels<'f, 'w> {
     /// Index, among the rays of a pixel, of the ray that is rendered now; the same for all pixels of the tile.
     pub turn: u32,
     pub tile: Rect,
-    /// Whether colour is composited over the plan's background. If `false`, colour is composited over black.
+    /// Whether colour is composited over the plan's background (`true`) or over black (`false`).
     pub background: bool,
     /// Axis along which z_depth is measured, in the coordinates of the rays; 0 if the caller gives no axis.
     pub forward: Vec3,

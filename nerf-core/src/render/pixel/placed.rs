@@ -4,7 +4,7 @@ use crate::camera::{Camera, Ray};
 use crate::space::Placement;
 use glam::Vec3;
 
-/// Placement of the frame's field; `None` for the identity, for a scaled field, and for several fields.
+/// Placement of a frame's single, unscaled field; `None` at the identity, or if `Merge` transforms the rays itself.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Placed(pub Option<Placement>);
 

@@ -30,12 +30,12 @@ pub(in crate::render) trait RaySource {
         }
         isa.run(PinholeRays { camera, points: &points, to });
     }
-    /// Nearest and farthest visible distance along the ray of pixel `(x, y)`, world units.
+    /// Returns the nearest and the farthest visible distance along `ray`, the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
     /// Distance for a pixel without a surface, world units. The caller outputs the smaller one of this distance and the
     /// ray's farthest visible distance. `x`: column of the pixel, from which [`OwnRays`] finds the pixel's ray.
     fn far(&self, x: u32) -> f32;
-    /// Optical thickness at which the ray of column `x` collides with a field; infinite if rays do not collide.
+    /// Returns the optical thickness at which the photon of column `x`'s ray collides; infinity without collisions.
     fn until(&self, _x: u32) -> f32 {
         f32::INFINITY
     }
@@ -194,7 +194,7 @@ impl PixelRay {
         gathered: Accumulator::NONE,
     };
 
-    /// Jitter of the ray's samples in frames of `plan`; `turn`: index of the ray among the rays of its pixel.
+    /// Returns the jitter of the ray's samples in frames of `plan`. `turn`: index of the ray within its pixel.
     #[inline]
     pub fn jitter(&self, plan: &Plan<'_>, turn: u32) -> SampleJitter {
         SampleJitter::of(plan.effects.jitter.map(|jitter| jitter.seed), self.x, self.y, turn)

@@ -36,9 +36,9 @@ impl<'w> Surface<'w> {
         self.normals.iter_mut().take(count).for_each(|sum| *sum = NormalSum::NONE);
     }
 
-    /// Writes the median distance and the normal of the ray of index `ray` to `pixel`. `start`: distance along the ray
-    /// at which the distances of the ray's samples are 0. `far`: largest median distance, also written for a ray
-    /// without a median.
+    /// Writes the median distance and the normal of the ray of index `ray` to `pixel`. `start`: distance along the ray,
+    /// world units, of the point from which stored distances are counted. `far`: largest median distance, world units;
+    /// also written for a ray without a median.
     pub fn finish(&self, ray: usize, start: f32, far: f32, pixel: &mut Pixel) {
         pixel.median_distance = self.medians.finish(ray, start, far);
         #[cfg(feature = "normals")]

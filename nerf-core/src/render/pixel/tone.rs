@@ -53,8 +53,8 @@ impl<M: Math> Op for Decode<'_, M> {
     }
 }
 
-/// Converts a pixel's colour to the output colour. `rgb`: mean, over the pixel's rays, of the colours that [`to_light`]
-/// returned.
+/// Applies exposure, tone curve and output encoding to a pixel's colour; returns `rgb` if `tone` is [`Tone::NONE`].
+/// `rgb`: mean, over the pixel's rays, of the colours that [`to_light`] returned.
 #[inline]
 pub(crate) fn to_display<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
     if *tone == Tone::NONE { rgb } else { develop::<M>(tone, rgb) }
@@ -94,14 +94,14 @@ fn develop<M: Math>(tone: &Tone, light: [f32; 3]) -> [f32; 3] {
     })
 }
 
-/// `2^stops`, exact for whole numbers of stops.
+/// Returns `2^stops`, the factor of an exposure of `stops`; exact for whole numbers of stops.
 fn exp2<M: Math>(stops: f32) -> f32 {
     let whole = stops.round_even();
     whole.exp2_integer()
         * if stops == whole { 1.0 } else { M::exp((stops - whole) * core::f32::consts::LN_2) }
 }
 
-/// Value of the tone curve `map` at `x >= 0`, linear light.
+/// Returns the value of the tone curve `map` at the linear light `x >= 0`.
 fn curve(map: ToneMap, x: f32) -> f32 {
     match map {
         ToneMap::None => x,

@@ -46,14 +46,14 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Borrows the memory for the contributions of the rays' directions to the colour branch. Also borrows a buffer
+    /// Returns the memory for the contributions of the rays' directions to the colour branch, and a buffer
     /// `[3][stride]`, which holds the directions of rays first and the colours of samples later.
     pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Adds the colours of the samples picked from a block to their rays. Queues the picked samples instead if they
-    /// fill less than [`QUEUED_BELOW`] of the block.
+    /// Evaluates the colours of the samples picked from a block, and adds each colour to its sample's ray. If the
+    /// picked samples fill less than [`QUEUED_BELOW`] of the block, queues the samples instead.
     pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(tile, picks, counters);
@@ -89,7 +89,7 @@ impl<'w> Colour<'w> {
     }
 
     /// Empties the queue: evaluates the colour branch for the queued samples and adds each sample's colour to its ray.
-    /// Leaves the current block's `h` unchanged.
+    /// Leaves the trunk outputs of the current block unchanged.
     pub fn flush(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
@@ -135,8 +135,8 @@ impl DirectionShares<'_> {
         rows.saturating_mul(field.plan.batch.rays.div_ceil(block.max(1)) * block)
     }
 
-    /// Computes `values`, what the colour network takes of the directions of `rays`. Overwrites `scratch` and `dirs`, a
-    /// buffer `[3][block]`.
+    /// Computes `values` for `rays`: the contribution of each ray's direction to the colour branch. Overwrites
+    /// `scratch` and the buffer `dirs`, `[3][block]`.
     pub fn fill(
         &mut self,
         field: Field<'_>,
@@ -168,8 +168,8 @@ impl DirectionShares<'_> {
         counters.macs += rays.len() as u64 * network.direction_macs() as u64;
     }
 
-    /// Writes the colours of samples to `rgb`, `[3][scratch.stride]`. `scratch.front` holds the `h` of the samples.
-    /// `owner`: index of each sample's ray.
+    /// Computes the colours of samples into `rgb`, `[3][scratch.stride]`. The caller has stored the trunk outputs of
+    /// the samples in `scratch.front`. `owner`: index of each sample's ray.
     pub fn evaluate(&self, field: Field<'_>, scratch: &mut Scratch<'_>, owner: &[u32], rgb: &mut [f32]) {
         let (network, plan) = (field.network, field.plan);
         let (stride, rows) = (scratch.stride, network.direction_rows());

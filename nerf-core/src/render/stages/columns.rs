@@ -22,7 +22,7 @@ use core::marker::PhantomData;
 /// per ray. Terms of the sum: origin, direction, position, interval, least distance, bin cuts, compositing state.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
-/// Whether all samples lie in the middle of their bins, and the bins are in world units.
+/// Whether all samples lie in the middle of bins in world units, so that a bin's index gives its sample's position.
 fn in_middles(plan: &Plan<'_>) -> bool {
     plan.contraction.is_none() && plan.effects.jitter.is_none()
 }
@@ -100,7 +100,7 @@ struct Columns<'a> {
     intervals: &'a mut [Row; 2],
     /// Least distance of a sample on each ray, world units ([`Plan::least_distance`]). Used in unbounded scenes only.
     near: &'a mut Row,
-    /// Cuts of each ray's first and last bin: one row for each value of [`Ends::parts`].
+    /// Where each ray's first and last bin are cut, in the unit of the bins: a row for each value of [`Ends::parts`].
     ends: &'a mut [Row; Ends::PARTS],
     /// Compositing state of each ray, without colour: transmittance, and sums over the samples composited so far.
     gathered: &'a mut side_by_side::Rows,
@@ -157,7 +157,7 @@ impl<'a> Columns<'a> {
         true
     }
 
-    /// Copies the results of column `at` to the column's ray: `self.sums` to `deferred`, compositing state to `ray`.
+    /// Copies the results of column `at` to its ray: the column's sums to `deferred`, its compositing state to `ray`.
     #[inline]
     fn end(&self, ray: &mut RayState, deferred: &mut Deferred<'_>, at: usize) {
         ray.pixel.gathered.take_column(self.gathered, at);
@@ -221,7 +221,7 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Vector loop that computes the position, `[3][stride]`, and the interval of the sample in each column.
+/// Vector loop that computes position (into `to`, `[3][stride]`) and interval of the sample in each column.
 struct Samples<'a, 'c> {
     stride: usize,
     columns: &'a mut Columns<'c>,
@@ -257,11 +257,11 @@ impl Op for Samples<'_, '_> {
     }
 }
 
-/// Vector loop that composites a block of samples: adds density and `h` of each column's sample to the column's ray.
+/// Vector loop that composites a block: adds density and features `h` of each column's sample to the column's ray.
 struct Absorb<'a, 'c, M> {
     stride: usize,
     sigma: &'a [f32],
-    /// Hidden features of the samples, `[rows][stride]`.
+    /// Hidden features `h` of the samples, `[rows][stride]`.
     h: &'a [f32],
     columns: &'a mut Columns<'c>,
     math: PhantomData<M>,

@@ -41,7 +41,7 @@ impl<'w> Compositing<'w> {
         }
     }
 
-    /// Iterates over the picked samples of the block: column index and weight of each.
+    /// Iterates over the picked samples of the block: the column of each sample, and the weight of the sample's colour.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
         let picked = head(self.picked, self.count).iter().zip(&*self.weight);
@@ -178,8 +178,8 @@ impl<M: Math> Op for Absorb<'_, M> {
     }
 }
 
-/// Vector loop for unbounded scenes: computes each sample's distance and the width of its interval, world units,
-/// `[2][room]`. `room`: largest number of samples of a block.
+/// Vector loop for unbounded scenes: writes to `to`, `[2][room]`, the distance of each sample and the width of its
+/// interval, world units. `room`: largest number of samples of a block.
 struct Intervals<'a> {
     plan: &'a Plan<'a>,
     columns: usize,

@@ -25,8 +25,8 @@ pub(in crate::render) struct Density<'w> {
 }
 
 impl<'w> Density<'w> {
-    /// Reserves memory for blocks of `samples` samples. `encoded` and `activations`: numbers of encoded inputs and of
-    /// activations of the network, per sample.
+    /// Reserves memory for blocks of `samples` samples. `encoded`: number of rows of [`Scratch::encoded`].
+    /// `activations`: number of rows of [`Scratch::front`] and [`Scratch::back`].
     pub fn lay_out(layout: &mut impl Layout<'w>, samples: usize, encoded: usize, activations: usize) -> Self {
         Self {
             owner: layout.slice(samples, 0),
@@ -50,7 +50,7 @@ impl<'w> Density<'w> {
         put(self.t, column, t);
     }
 
-    /// Computes the positions of the block's `n` samples, in the network's space.
+    /// Computes the positions of the block's `n` samples, in the network's space, from `self.t` and `rays`.
     pub fn place(&mut self, field: Field<'_>, n: usize, rays: &[RayState]) {
         let stride = field.columns(n);
         // Padding columns are copies of the block's last sample; without vectors there is no padding.
@@ -79,7 +79,7 @@ impl<'w> Density<'w> {
     }
 }
 
-/// Vector loop for unbounded scenes: computes the positions of samples in the network's space, `[3][stride]`.
+/// Vector loop for unbounded scenes: writes the positions of samples in the network's space to `to`, `[3][stride]`.
 struct Place<'a> {
     spacing: Spacing<'a>,
     stride: usize,
@@ -132,8 +132,8 @@ pub(super) fn of_rays<V: Lanes, const N: usize>(
     values
 }
 
-/// Shortens each of the `rows` rows of a block in place, from length `from` to `to`, and keeps its first `n` values.
-/// Does nothing if `to` is not less than `from`.
+/// Moves the `rows` rows of a block together, in place, so that a row begins every `to` values instead of every `from`
+/// values. Keeps the first `n` values of each row. Does nothing if `to` is not less than `from`.
 pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
     if to < from {
         for row in 1..rows {

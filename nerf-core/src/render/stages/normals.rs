@@ -35,7 +35,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Queues the samples picked from a block; evaluates their gradients whenever the queue is full.
+    /// Queues the samples picked from a block. Calls [`Normals::flush`] whenever the queue is full.
     pub fn queue(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if !tile.field.plan.outputs.normals {
             return;
@@ -51,7 +51,8 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Adds the queued samples' gradients to their rays' normals. Overwrites positions and scratch of `tile.density`.
+    /// Empties the queue: evaluates the density gradients at the queued samples, and adds the samples' normals to the
+    /// sums of their rays. Overwrites positions and scratch of `tile.density`.
     pub fn flush(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         let n = core::mem::take(&mut self.queued);
         if n == 0 {
@@ -96,8 +97,8 @@ impl<'w> Gradients<'w> {
         }
     }
 
-    /// Computes the gradient of the raw density, in the field's uncontracted space, at each of the block's first `n`
-    /// positions. Passes each position's index and gradient to `put_gradient`.
+    /// Computes the gradient of the raw density at each of the block's first `n` positions. Passes each position's
+    /// index, and the gradient with respect to the position in the field's uncontracted space, to `put_gradient`.
     pub fn run(
         &mut self,
         field: Field<'_>,

@@ -34,7 +34,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Number of sums per ray: one per feature of `h`, and the sum of weights. 0 without deferred shading.
+    /// Number of sums per ray: one per hidden feature, and the sum of weights. 0 without deferred shading.
     pub fn row(field: Field<'_>) -> usize {
         if field.shades_rays() { field.network.trunk_rows() + 1 } else { 0 }
     }
@@ -55,8 +55,8 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Adds the hidden features `h` of each sample in `picks`, times the sample's weight in `picks`, to the sums of the
-    /// sample's ray. Reads `h` from the density stage's scratch memory.
+    /// Adds each picked sample to the sums of the sample's ray: the sample's weight, and the weight times the hidden
+    /// features, which are read from the density stage's scratch memory.
     pub fn add(&mut self, TileState { field, density, .. }: &TileState<'_, '_>, picks: &Compositing<'_>) {
         for (column, weight) in picks.iter() {
             let first = at(density.owner, column) as usize * self.row;
@@ -86,7 +86,7 @@ pub(in crate::render) struct RayNetworks<'w> {
     owner: &'w mut [u32],
     /// Direction of each column's ray, `[3][samples]`.
     dirs: &'w mut [f32],
-    /// Colour of each column, `[3][samples]`.
+    /// Colour of each column's ray, `[3][samples]`.
     rgb: &'w mut [f32],
 }
 
@@ -99,10 +99,10 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Evaluates the colour branch for each of `rays` whose sum of weights is above 0. Passes the ray, its index, its
-    /// sum of weights and its colour to `put_colour`.
+    /// Evaluates the colour branch for each of `rays` whose sum of weights is above 0, at the ray's mean hidden
+    /// features. Passes the ray, its index, its sum of weights and its colour to `put_colour`.
     ///
-    /// `sums`: for each ray, Σ weight · h for each feature, then Σ weight. A NaN colour is invalid and becomes black.
+    /// `sums`: for each ray, Σ weight · `h` for each hidden feature `h`, then Σ weight. A NaN colour becomes black.
     pub fn shade(
         &mut self,
         field: Field<'_>,
@@ -144,8 +144,8 @@ impl<'w> RayNetworks<'w> {
         }
     }
 
-    /// Returns the colours `[3][stride]` of samples, one sample per ray: sample `i` is on ray `i` of `rays`.
-    /// `scratch.front` holds the `h` of the samples.
+    /// Returns the colours `[3][stride]` of samples, one sample per ray: sample `i` is on ray `i` of `rays`. The caller
+    /// has stored the trunk outputs of the samples in `scratch.front`.
     pub fn of_samples(
         &mut self,
         field: Field<'_>,
@@ -158,7 +158,7 @@ impl<'w> RayNetworks<'w> {
         self.rgb
     }
 
-    /// Computes the colours of the first `n` columns into `self.rgb`. The `h` of the columns is in `scratch.front`.
+    /// Computes the colours of the first `n` columns into `self.rgb`, from the trunk outputs in `scratch.front`.
     fn run(
         &mut self,
         field: Field<'_>,

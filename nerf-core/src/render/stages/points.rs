@@ -13,8 +13,8 @@ use glam::Vec3;
 /// density and colour to `put`. A point whose density is NaN is counted as invalid and not passed on. A NaN colour
 /// becomes black.
 ///
-/// `rays`: memory for one ray state per point. `colours`: memory for the contributions of directions, memory for the
-/// colours of a block, and memory for deferred shading; `None` if only density is requested.
+/// `rays`: memory for one ray state per point. `colours`: three buffers, for the contributions of directions, for the
+/// colours of a block, and for deferred shading; `None` if only density is requested.
 pub(in crate::render) fn evaluate_points(
     field: Field<'_>,
     points: impl Iterator<Item = (Vec3, Vec3)>,

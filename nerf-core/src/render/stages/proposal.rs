@@ -59,7 +59,7 @@ impl<'a> Proposer<'a> {
         self.0.first()?.as_ref()
     }
 
-    /// Number of multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
+    /// Returns the number of multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub fn macs(&self) -> u64 {
         self.network().map_or(0, |network| network.architecture().density_macs() as u64)
     }
@@ -69,7 +69,7 @@ impl<'a> Proposer<'a> {
         if self.network().is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
     }
 
-    /// Numbers of encoded inputs and of activations of the proposal network; zeros if frames of `plan` do not use it.
+    /// Numbers of encoded inputs and activations per sample of the proposal network; 0 if `plan` uses no proposal.
     pub fn rows(&self, plan: &Plan<'_>) -> (usize, usize) {
         let network = self.network().filter(|_| plan.proposal.is_some());
         network.map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))

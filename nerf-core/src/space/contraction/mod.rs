@@ -45,7 +45,7 @@ impl Contraction {
         (valid && Self::POWERS.contains(&power)).then_some(Self { cube: *cube, centre, radius, power })
     }
 
-    /// The scene box of the contraction whose inner ball has this centre and radius, world units.
+    /// Returns the scene box of the contraction whose inner ball has this centre and radius, world units.
     #[cfg(feature = "train")]
     pub fn cube(centre: Vec3, radius: f32) -> SceneBox {
         let reach = Vec3::splat(2.0 * radius);
@@ -105,7 +105,7 @@ impl Contraction {
         self.shrunk(self.in_radii(p), V::splat(self.radius))
     }
 
-    /// Converts points to offsets from the centre, in radii, clamped so that their squares are finite.
+    /// Converts points to offsets from the centre, in radii, clamped so that their squares are finite; a NaN becomes 0.
     #[inline(always)]
     fn in_radii<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         let centre = self.centre.to_array();
@@ -221,7 +221,7 @@ impl Contraction {
         if distance < 0.0 { -steps } else { steps }
     }
 
-    /// `x^(1/p)` for the power `p`.
+    /// Returns `x^(1/p)`; `p`: [`Contraction::power`].
     fn root(&self, mut x: f32) -> f32 {
         let mut halved = self.power;
         while halved > 1 {

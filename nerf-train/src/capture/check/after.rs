@@ -8,7 +8,7 @@ use serde::Serialize;
 
 /// A PSNR is far below the median if it is lower by more than `.0` dB and by more than `.1` median absolute deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// Poses of the worst group are doubtful if its mean PSNR is at least this far below that of the best group, dB.
+/// The worst group's poses are doubtful if its mean PSNR is at least this many dB below the best group's mean PSNR.
 const DIFFERENT_DB: f64 = 3.0;
 /// Without point tracks, photographs are reported as contradicting each other if their median PSNR is below this, dB.
 const LOW_DB: f64 = 22.0;
@@ -38,7 +38,7 @@ pub struct Group {
 }
 
 impl Fitted {
-    /// Judges a fit of `steps` training steps by its PSNR. `photographs`: name and PSNR of each training photograph.
+    /// Judges a fit of `steps` training steps by `photographs`: name and PSNR, dB, of each. Empty if no PSNR is finite.
     pub fn of(diagnosis: &Diagnosis, photographs: &[(&str, f64)], steps: u32) -> Self {
         let finite = || photographs.iter().map(|(_, db)| *db).filter(|db| db.is_finite());
         let middle = median(finite());

@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 
 /// Contradicting photographs are left out of training only if the capture has at least this number of photographs.
 const ENOUGH: usize = 10;
-/// A pose is wrong if at least `.0` key points contradict it, and more than `.1` times as many as agree with it.
+/// A pose is wrong if `.0` or more points project far from their key points, over `.1` times as many as near them.
 const MISPLACED: (usize, usize) = (10, 2);
 /// A sector without photographs is reported if it spans at least this, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;
@@ -86,7 +86,7 @@ impl<'v> Found<'v> {
     }
 
     /// Sets `groups` by the first [`Reason`], in order of declaration, that applies; `groups` stays empty if no reason
-    /// applies. Sets `outliers` to the few photographs that contradict the rest, and removes them from `groups`.
+    /// applies. Sets `outliers` to the few photographs with contradicting poses, and removes them from `groups`.
     fn settle_groups(&mut self) {
         let count = self.views.len();
         let Groups { groups, outliers } = Groups::of(count, &self.pairs);
@@ -122,7 +122,7 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// Returns the pair that contradicts most strongly, from two groups if possible; `None` if no pair contradicts.
+    /// Returns the pair of photographs that contradict most, of two groups if possible; `None` if no pair contradicts.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());
@@ -137,7 +137,7 @@ impl<'v> Found<'v> {
         &self.views[view].name
     }
 
-    /// Returns the photographs that are much less sharp than the photographs taken nearest to them.
+    /// Returns the indices of the photographs that are much less sharp than those with the nearest poses.
     pub fn blurred(&self) -> Vec<usize> {
         (0..self.views.len()).filter(|&view| is_blurred(self.sharpness[view])).collect()
     }

@@ -51,7 +51,7 @@ impl Grey {
         Self { factor, width: columns, height: rows, levels }
     }
 
-    /// Returns the grey level at (`x`, `y`), bilinear; pixel centres are at +0.5. `None` outside the image.
+    /// Interpolates the grey level at (`x`, `y`) pixels; pixel centres are at +0.5. `None` outside the image.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let (x, y) = (x - 0.5, y - 0.5);
         if !(x >= 0.0 && y >= 0.0 && x + 1.0 < self.width as f32 && y + 1.0 < self.height as f32) {
@@ -95,7 +95,7 @@ impl Grey {
         (squares / count - (sum / count).powi(2)) as f32
     }
 
-    /// Returns a thumbnail of [`STAMP`] by [`STAMP`] grey levels, and the standard deviation of these grey levels.
+    /// Returns a thumbnail, to find duplicates: [`STAMP`] by [`STAMP`] grey levels; and their standard deviation.
     fn stamp(&self) -> (Vec<f32>, f32) {
         let rgb = self.levels.iter().map(|&level| [f32::from(level); 3]).collect();
         let small = Picture { width: self.width, height: self.height, rgb }.box_filtered(STAMP, STAMP);
@@ -105,7 +105,7 @@ impl Grey {
     }
 }
 
-/// Returns the values minus their mean, and the Euclidean norm of the result.
+/// Returns the values minus their mean, and the norm of the result, for correlations and standard deviations.
 pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     let mean = values.iter().sum::<f32>() / values.len().max(1) as f32;
     values.iter_mut().for_each(|value| *value -= mean);
@@ -113,7 +113,7 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Returns each photograph's sharpness, divided by the median over its [`NEIGHBOURS`] nearest photographs; 1 if alone.
+/// Divides each photograph's sharpness by the median over the [`NEIGHBOURS`] with the nearest poses; 1 if alone.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

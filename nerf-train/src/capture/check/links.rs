@@ -4,7 +4,7 @@ use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Two photographs are linked if they share at least this number of points, or if their pair agrees ([`Pair::agrees`]).
+/// Two photographs are linked if they show at least this number of common points, or if they agree ([`Pair::agrees`]).
 const LINKED: u32 = 15;
 /// Maximum number of photographs that one point links to each other; further photographs of the point are ignored.
 const MAX_TRACK: usize = 200;

@@ -59,7 +59,7 @@ pub struct Diagnosis {
     pub findings: Vec<String>,
 }
 
-/// A range of azimuths without photographs.
+/// A range of azimuths without photographs: its size, and the names of the photographs at its two ends.
 #[derive(Clone, Debug, Serialize)]
 pub struct NamedGap {
     pub degrees: Short,
@@ -72,7 +72,7 @@ pub struct Photograph {
     /// Number of the photograph's group, from 1; `None` if there are no groups, or the photograph is in none.
     pub group: Option<usize>,
     pub azimuth_degrees: Option<Short>,
-    /// Variance of the Laplacian, divided by its median over the nearest photographs.
+    /// Variance of the picture's Laplacian, divided by the median of this variance over the nearest photographs.
     pub sharpness: Short,
     /// Natural logarithm of the photograph's brightness relative to the mean of all photographs, averaged over the
     /// colour channels. `None` if too few photographs show enough common points to measure it.
@@ -118,7 +118,7 @@ impl Diagnosis {
     }
 
     /// Removes the training photographs in `contradicting`. With a `group`, counted from 1, also removes all
-    /// photographs outside that group, including held-out ones. On an error, the data set is unchanged.
+    /// photographs outside that group, also held-out ones; fails, and removes nothing, if no training view is in it.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {
         if let Some(found) = group {
             let groups = self.groups.len();

@@ -8,11 +8,11 @@ use rayon::prelude::*;
 
 /// Limits for two cameras to see a point alike: minimum cosine between their rays (12°), maximum ratio of distances.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
-/// Two photographs are compared if both see at least this number of points from similar directions ([`ALIKE`]).
+/// Two photographs are compared if one has this number of points that the other camera sees alike ([`ALIKE`]).
 const ENOUGH_POINTS: usize = 30;
 /// A pair of photographs is used if at least this number of patches were compared.
 const ENOUGH_PATCHES: usize = 15;
-/// Approximate maximum number of tests whether two cameras see a point alike; beyond it, only every N-th is tested.
+/// Approximate maximum number of tests whether two cameras see a point alike; else only every N-th point is tested.
 const MAX_QUESTIONS: usize = 400_000_000;
 /// Maximum number of points, from each photograph of a pair, around which patches are compared.
 const COMPARED_POINTS: usize = 60;
@@ -33,7 +33,7 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Whether the two photographs show the same content around the points.
+    /// Whether the two photographs show the same content around the compared points.
     pub fn agrees(&self) -> bool {
         self.different < 0.3
     }
@@ -67,7 +67,7 @@ impl Compared<'_> {
         self.points.iter().filter(alike).filter(inside).copied().collect()
     }
 
-    /// Returns the projection of `point`, pixels of the working size, also outside the image; `None` if impossible.
+    /// Projects `point` to pixels of the working size, also outside the image; `None` if the camera cannot project it.
     fn shows(&self, point: Vec3) -> Option<[f32; 2]> {
         let (x, y) = self.view.camera.project(point)?;
         Some([x, y].map(|v| v / self.grey.factor as f32))
@@ -94,15 +94,15 @@ impl Compared<'_> {
             .then(|| product / (texture * other_texture.max(f32::MIN_POSITIVE)))
     }
 
-    /// Returns [`Self::correlation`] for at most [`COMPARED_POINTS`] of `points`, evenly chosen.
+    /// Returns the [correlations](Self::correlation) that exist for at most [`COMPARED_POINTS`] evenly chosen `points`.
     fn correlations(&self, other: &Self, points: &[Vec3]) -> Vec<f32> {
         let step = points.len().div_ceil(COMPARED_POINTS).max(1);
         points.iter().step_by(step).filter_map(|&point| self.correlation(other, point)).collect()
     }
 }
 
-/// Compares the pairs of photographs that see enough points from similar positions, at most [`MAX_PAIRS`] pairs.
-/// `greys`, `sights`: one entry per view, in the order of `views`.
+/// Compares pairs of photographs that see enough points from similar positions: at most [`MAX_PAIRS`] pairs. Leaves out
+/// pairs with too few comparable patches. `greys`, `sights`: one entry per view, in the order of `views`.
 pub(super) fn compare(views: &[&View], greys: &[Grey], sights: &Sights, points: &[SparsePoint]) -> Vec<Pair> {
     let count = views.len();
     let asked = MAX_QUESTIONS / (count * count).max(1);

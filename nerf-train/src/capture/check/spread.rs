@@ -10,12 +10,12 @@ const GAP: f32 = 30.0;
 /// Elevation above or below the horizon beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// The direction jumps between two photographs if it turns by at least [`GAP`] and this multiple of the median turn.
+/// A jump between photographs turns the view by at least [`GAP`] and by at least this multiple of the median turn.
 const JUMP: f32 = 5.0;
 /// Minimum number of consecutive photographs in a run between jumps; only the last run may be shorter.
 const SHORTEST_RUN: usize = 3;
 
-/// A range of azimuths without photographs.
+/// A range of azimuths, `degrees` wide, without photographs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Gap {
     pub degrees: f32,
@@ -35,7 +35,7 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// Returns the spread of `views`; `None` if there are fewer than two, or if all look in much the same direction.
+    /// Returns the spread of `views`; `None` for fewer than two views, or if all have nearly one viewing direction.
     pub fn of(views: &[&View]) -> Option<Self> {
         let cameras: Vec<Camera> = views.iter().map(|view| view.camera).collect();
         let look_at = LookAt::of(&cameras).filter(|look_at| !look_at.forward_facing())?;
@@ -66,7 +66,7 @@ impl Spread {
     }
 }
 
-/// Returns runs as indices of `views`: a run ends at a jump ([`JUMP`]) if it has at least [`SHORTEST_RUN`] photographs.
+/// Splits `views` into runs, given as indices: a run of at least [`SHORTEST_RUN`] views ends at a jump ([`JUMP`]).
 pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =

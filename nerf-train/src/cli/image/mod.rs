@@ -150,7 +150,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns `config`. If `--max-bytes` is given, first changes the grid so that the file fits, and reports the grid.
+    /// Returns `config`. With `--max-bytes`, the grid is changed so that the file has at most that size, and reported.
     fn within_bytes(
         &self,
         config: FieldConfig,

@@ -127,7 +127,7 @@ impl Conduct {
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Returns options of a run. `asked`: whether a flag gave `steps`. If not, `--max-seconds` replaces this limit.
+    /// Returns a run's options. If no flag gave `steps` (not `asked`), `--max-seconds` replaces the limit of `steps`.
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

@@ -19,7 +19,7 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Sum of compositing weights between two colour evaluations: larger is faster, less exact; 0: every sample.
+    /// Evaluate colour once per this sum of compositing weights: larger is faster, less exact; 0: at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space: ignore the occupancy grid.
@@ -59,8 +59,8 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// Returns the plan that renders `blob`. `file`: path of the scene file, for error messages.
-    /// `default`: part of a ray that is sampled if `--bins` is not given.
+    /// Returns the plan that renders `outputs` of `blob`, from `--near` to `--far` of `data`. `file`: path of the scene
+    /// file, for errors. `default`: part of a ray that is sampled if `--bins` is not given.
     pub fn plan<'b>(
         &self,
         (blob, file): (&Blob<'b>, &Path),

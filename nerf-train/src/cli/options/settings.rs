@@ -32,7 +32,7 @@ impl SetOption {
         })
     }
 
-    /// Whether a value is given for the setting `path`, for example `network.grid.features`.
+    /// Whether `--set` gives a value for the setting `path`, for example `network.grid.features`.
     pub fn names(&self, path: &str) -> bool {
         let mut keys = path.split('.');
         let first = keys.next().unwrap_or_default();

@@ -190,7 +190,7 @@ impl Render {
         self.effects.in_light(plan, target::is_exr(self))
     }
 
-    /// Returns the range of distances in a whole video, world units, for each distance output. Empty for a single view.
+    /// Returns the range of each distance output in a whole video, world units. Empty for a single view.
     fn ranges(
         &self,
         renderer: &Renderer<'_>,

@@ -127,7 +127,7 @@ fn through(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     of_keys(render, flight(&keys, frames), size_for(render, &cameras[0])).context("--keyframes")
 }
 
-/// Returns each keyframe's camera, without distortion. `--focal` overrides the keyframe's field of view.
+/// Returns each keyframe's camera for `width` × `height` pixels, undistorted. `--focal` overrides its field of view.
 fn of_keys(render: &Render, keys: Vec<Keyframe>, (width, height): (u32, u32)) -> anyhow::Result<Vec<Camera>> {
     let camera = |key: Keyframe| {
         let focal = render.focal.unwrap_or(focal_of(height, key.fov_degrees));

@@ -84,7 +84,7 @@ fn find_ffmpeg(render: &Render) -> anyhow::Result<Ffmpeg> {
     })
 }
 
-/// Returns the path of the file for `output`: the path of `-o` for the first output, with a suffix for the others.
+/// Returns the path of the file for `output`: the path of `-o`, with a suffix for all outputs but the first.
 fn place_of(render: &Render, output: Output) -> PathBuf {
     if render.outputs().first() == Some(&output) {
         return render.output.clone();
@@ -126,7 +126,7 @@ pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow:
     }
 }
 
-/// Returns a writer for `output`. `range`: distances at the two ends of the colour map, world units.
+/// Returns a writer of `output`. `range`: ends of the colour map, world units; `None`: another range in each picture.
 pub(super) fn writer(
     render: &Render,
     target: &Target,

@@ -7,9 +7,9 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Optical axes are taken as parallel if [`LookAt::spread`] is at most this, which corresponds to half a degree.
+/// Optical axes are parallel if [`LookAt::spread`] is at most this: axes about 0.5° from their common direction.
 const PARALLEL: f64 = 1e-4;
-/// A scene is forward-facing if [`LookAt::spread`] is less than this, which corresponds to eight degrees.
+/// A scene is forward-facing if [`LookAt::spread`] is less than this: axes about 8° from their common direction.
 const FORWARD_FACING: f64 = 0.02;
 /// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;
@@ -94,7 +94,7 @@ impl LookAt {
         look_at.point.iter().all(|v| v.is_finite()).then_some(look_at)
     }
 
-    /// Whether the mean distance of the axes from [`Self::point`] is at most 0.3 times that of the cameras.
+    /// Whether the axes' mean distance from [`Self::point`] is at most 0.3 times the cameras' mean distance from it.
     pub fn axes_meet(&self) -> bool {
         self.mean_residual <= 0.3 * self.mean_distance
     }
@@ -104,7 +104,7 @@ impl LookAt {
         self.axes_meet() && self.behind <= 0.1
     }
 
-    /// Whether the cameras look in nearly the same direction. The depth of the point is then uncertain.
+    /// Whether the cameras look in nearly the same direction. The depth of the look-at point is then uncertain.
     pub fn forward_facing(&self) -> bool {
         f64::from(self.spread) < FORWARD_FACING
     }

@@ -70,12 +70,12 @@ fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     if depth > 0.0 { depth } else { 0.5 * (near + far) }
 }
 
-/// Position of a camera relative to the target, in cylindrical coordinates.
+/// Position of a camera relative to the target, in cylindrical coordinates. `height`: along `up`, world units.
 struct Place {
     height: f32,
-    /// Distance from the axis along `up` through the target, world units.
+    /// Distance of the camera from the axis along `up` through the target, world units.
     distance: f32,
-    /// Angle around the axis along `up`, radians.
+    /// Angle around the axis along `up`, radians, from an arbitrary direction perpendicular to `up`.
     azimuth: f32,
 }
 
@@ -92,7 +92,7 @@ impl Place {
     }
 }
 
-/// Returns start and length, radians, of the shortest arc over the fraction [`MOST`] of `azimuths`; `None` without any.
+/// Returns start and length, radians, of the shortest arc with the share [`MOST`] of `azimuths`; `None` if empty.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();

@@ -94,8 +94,8 @@ pub struct Hit {
     pub rgb: [f32; 3],
 }
 
-/// Finds the first hit of the ray through the image point `(x, y)`, pixels (centres at half-integers); `None` without
-/// a hit. Distances differ from the exact values by less than 1e-5 world units.
+/// Finds the first hit of the ray through the image point `(x, y)`, pixels (centres at half-integers); `None` without a
+/// hit. Computed distances differ from the exact values by less than 1e-5 world units.
 pub fn trace(camera: &Camera, x: f32, y: f32) -> Option<Hit> {
     let ray = camera.ray(x, y);
     let (origin, dir) = (ray.origin.as_dvec3(), ray.dir.as_dvec3().normalize());
@@ -116,7 +116,7 @@ pub struct Truth {
     pub rgba: Vec<[u8; 4]>,
     /// Distance along the ray through the pixel's centre, world units; `None` if the ray hits nothing.
     pub ray_distance: Vec<Option<f32>>,
-    /// Depth of the same hit along the camera's view axis, world units; `None` if the ray hits nothing.
+    /// Depth of the hit along the camera's view axis, world units; `None` if the pixel's ray hits nothing.
     pub z_depth: Vec<Option<f32>>,
     /// Whether every subsample of the pixel hits the scene, so that no background shows in it.
     pub opaque: Vec<bool>,

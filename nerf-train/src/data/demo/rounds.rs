@@ -16,7 +16,7 @@ const STEP: f32 = 6.0;
 const SIZE: u32 = 160;
 /// Spacing, in columns and in rows, of the pixels from which sparse points are made.
 const POINT_EVERY: usize = 9;
-/// One in this number of photographs gives sparse points.
+/// Interval between the photographs from which sparse points are made; 1 would use all photographs.
 const VIEW_EVERY: usize = 3;
 
 /// One photograph. `pose`: its camera in the data set. `taken`: the camera that took it. `turn`: angle around the scene

@@ -17,7 +17,7 @@ struct Surface {
     exponent: f32,
 }
 
-/// Returns the display-encoded sRGB, 0 to 1, of `point` on `shape`. `dir`: unit direction from the camera to `point`.
+/// Returns the display-encoded sRGB, 0 to 1, of `point` on `shape`. Unit vectors: `normal`, and `dir` from the camera.
 pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> [f32; 3] {
     let light_dir = LIGHT.normalize();
     let surface = surface(shape.look, (point - shape.centre).as_vec3(), point.as_vec3(), normal.as_vec3());
@@ -47,7 +47,7 @@ fn sky_seen(dir: Vec3) -> Vec3 {
 }
 
 /// Returns the reflectance, at one point, of a surface with the appearance `look`. `p`: the point relative to the
-/// shape's centre. `world`: the point in world coordinates. `n`: normal.
+/// shape's centre. `world`: the point in world coordinates. `n`: unit normal.
 fn surface(look: Look, p: Vec3, world: Vec3, n: Vec3) -> Surface {
     let plain = |albedo| Surface { albedo, highlight: 0.08, mirror: 0.2, exponent: 24.0 };
     let glossy = |albedo| Surface { albedo, highlight: 0.9, mirror: 1.0, exponent: 120.0 };

@@ -123,7 +123,8 @@ impl Shape {
         }
     }
 
-    /// Returns where a ray enters and leaves the sphere of radius `reach + margin` around `centre`; `None` for a miss.
+    /// Returns the distances at which a ray enters (0 if inside) and leaves the sphere of radius `reach + margin`
+    /// around `centre`; `None` for a miss. `dir` has unit length.
     pub(super) fn bounds(&self, origin: DVec3, dir: DVec3, margin: f64) -> Option<(f64, f64)> {
         let to = self.centre - origin;
         let middle = to.dot(dir);
@@ -133,7 +134,7 @@ impl Shape {
         (middle + half > 0.0).then_some(((middle - half).max(0.0), middle + half))
     }
 
-    /// Returns the distance at which a ray from outside first hits the surface; `None` without a hit before `limit`.
+    /// Returns the distance, world units, to the first hit of a ray from outside; `None` without a hit before `limit`.
     fn hit(&self, origin: DVec3, dir: DVec3, limit: f64) -> Option<f64> {
         const STEPS: usize = 400;
         const CLOSE: f64 = 1e-8;

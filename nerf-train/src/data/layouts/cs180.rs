@@ -67,7 +67,7 @@ fn position(rows: &[[f64; 4]; 3]) -> [f64; 3] {
     rows.map(|row| row[3])
 }
 
-/// Makes views from an array of pictures `[n, h, w, 3 or 4]` and one pose for each. `focal`: pixels.
+/// Makes views from an array of pictures `[n, h, w, 3 or 4]` and one camera-to-world matrix for each. `focal`: pixels.
 fn views(
     archive: &Archive,
     (images, array): (&str, &Array),
@@ -157,7 +157,7 @@ const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`. Of the
 /// notebook's 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the notebook). In
-/// other files the last six are validation views, or none if no training views would remain.
+/// other files, the last six views are for validation; none if no training view would remain.
 pub(crate) fn read_tiny_nerf(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let focal = archive.scalar("focal")?;

@@ -53,7 +53,7 @@ pub fn files(path: &Path) -> Vec<PathBuf> {
     lists.into_iter().chain(named).chain(whole).collect()
 }
 
-/// Finds COLMAP and LLFF files in `folder`, photographs and masks; none if there is no COLMAP or LLFF file.
+/// Finds COLMAP and LLFF files, photographs and masks in `folder`; empty if there is no COLMAP or LLFF file.
 fn photographs(folder: &Path) -> Vec<PathBuf> {
     let poses = folder.join(llff::FILE);
     let mut files = colmap::files(folder);

@@ -46,7 +46,7 @@ pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
     .counted_from(origin))
 }
 
-/// Adds notes on fields of the json that are ignored.
+/// Adds to `notes` which fields of the json are ignored, and why.
 fn say_fields(header: &Header, notes: &mut Vec<String>) {
     let identity = |rows: &Vec<Vec<f64>>| {
         rows.iter()
@@ -64,7 +64,7 @@ fn say_fields(header: &Header, notes: &mut Vec<String>) {
     }
 }
 
-/// Splits views by the json's lists of file names. Views in none of the lists are left out, with a warning.
+/// Splits views by the json's `lists` of file names: train, val, test. Views in no list are left out, with a warning.
 fn split_by_lists(
     views: Vec<View>,
     lists: [&Option<Vec<String>>; 3],

@@ -77,7 +77,7 @@ impl Archive {
         read_array(&mut entry, &file, key, limit)
     }
 
-    /// Reads the array `key`, which must have exactly one element.
+    /// Reads the only element of the array `key`, as f64. An array with another number of elements is an error.
     pub(crate) fn scalar(&mut self, key: &str) -> Result<f64, DatasetError> {
         let array = self.array(key)?;
         match array.data.len() / array.dtype.size {
@@ -192,7 +192,7 @@ impl Array {
 }
 
 impl Dtype {
-    /// Parses numpy's name of a dtype, such as `<f4`.
+    /// Parses numpy's name of a dtype, such as `<f4`; `None` if it is not supported.
     fn parse(name: &str) -> Option<Self> {
         let &[order, kind @ (b'u' | b'i' | b'f' | b'b'), ref digits @ ..] = name.as_bytes() else {
             return None;
@@ -259,7 +259,7 @@ fn read_header(stream: &mut impl Read) -> Result<(Dtype, bool, Vec<usize>), Stri
     parse_header(&text).ok_or_else(|| format!("{:?}", text.trim_end()))
 }
 
-/// Parses numpy's header dictionary, as numpy writes it: dtype, whether in Fortran order, and shape.
+/// Parses a header dictionary as numpy writes it: dtype, whether in Fortran order, and shape; `None` if malformed.
 fn parse_header(text: &str) -> Option<(Dtype, bool, Vec<usize>)> {
     let after = |key: &str| text.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
     let dtype = Dtype::parse(after("descr")?.strip_prefix('\'')?.split_once('\'')?.0)?;
@@ -274,7 +274,7 @@ fn parse_header(text: &str) -> Option<(Dtype, bool, Vec<usize>)> {
     (shape.len() <= MAX_DIMENSIONS).then_some((dtype, fortran, shape))
 }
 
-/// Reorders elements of `size` bytes from Fortran order (first index fastest) to C order.
+/// Reorders the elements of an array, `size` bytes each, from Fortran order (first index fastest) to C order.
 fn to_c_order(data: &[u8], shape: &[usize], size: usize) -> Vec<u8> {
     let mut strides = Vec::with_capacity(shape.len());
     let mut stride = size;

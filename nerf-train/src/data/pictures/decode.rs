@@ -114,7 +114,7 @@ fn is_heif(bytes: &[u8]) -> bool {
         && bytes.get(8..12).is_some_and(|brand| BRANDS.iter().any(|b| *b == brand))
 }
 
-/// Decodes a JPEG in strict mode, to find damage.
+/// Decodes a JPEG in strict mode, to find damage; the error describes the damage.
 fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
     let options = DecoderOptions::default()
         .set_strict_mode(true)

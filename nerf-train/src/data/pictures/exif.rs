@@ -53,7 +53,7 @@ impl Tiff<'_> {
         self.array(at).map(u16::from_le_bytes)
     }
 
-    /// Reads the number at byte offset `at`; `None` if it is 2^30 or more, so that sums of offsets do not overflow.
+    /// Reads the number at byte offset `at`; `None` beyond the data, or if it is 2^30 or more: sums must not overflow.
     fn u32(&self, at: u32) -> Option<u32> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }

@@ -58,7 +58,7 @@ pub(crate) fn other_size(file: &Path, stated: StatedSize, found: (u32, u32)) -> 
     DatasetError::fault(file, fault)
 }
 
-/// Whether a picture of `found` pixels has the `stated` width and height, up to uniform scaling.
+/// Whether a picture of `found` pixels has the `stated` size, up to uniform scaling; a side that is not stated fits.
 pub(crate) fn fits(found: (u32, u32), stated: StatedSize) -> bool {
     let size = (f64::from(found.0), f64::from(found.1));
     let (w, h) = (stated.0.unwrap_or(size.0), stated.1.unwrap_or(size.1));
@@ -163,7 +163,7 @@ fn names_in(folder: &Path) -> Option<HashSet<String>> {
     Some(names)
 }
 
-/// Whether a file has the extension of a picture, including those that are refused.
+/// Whether a file has the extension of a picture, also of a format that is refused when read.
 pub(crate) fn is_picture_name(path: &Path) -> bool {
     let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default().to_ascii_lowercase();
     ENDINGS.into_iter().chain(REFUSED_ENDINGS).any(|known| known == ending)

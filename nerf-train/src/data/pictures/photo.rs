@@ -22,7 +22,7 @@ pub(crate) struct Optics {
 }
 
 impl Optics {
-    /// Returns the intrinsics of the same camera for a picture of `width` by `height` pixels.
+    /// Returns the intrinsics, scaled to a picture of `width` by `height` pixels.
     fn at(&self, width: u32, height: u32) -> Intrinsics {
         let (sx, sy) = (f64::from(width) / self.width, f64::from(height) / self.height);
         Intrinsics {
@@ -44,10 +44,10 @@ pub(crate) struct Photo<'a> {
     /// Path of the mask. Pixels that are black in the mask are neither trained on nor evaluated.
     pub(crate) mask: Option<PathBuf>,
     pub(crate) stated: StatedSize,
-    /// Factor by which the picture is reduced. [`Downscale::By`] divides the size `stated` with the poses,
+    /// Factor by which the picture is reduced. [`Downscale::By`] divides the size that the data set states,
     /// [`Downscale::Auto`] the size of the picture's file. `None`: the picture keeps the size of its file.
     pub(crate) downscale: Option<Downscale>,
-    /// Whether the picture's file is a copy that is known to be smaller than `stated`.
+    /// Whether the picture's file is a copy that is known to be smaller than the size that the data set states.
     pub(crate) reduced: bool,
     pub(crate) pose: Pose,
 }
@@ -69,7 +69,8 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics`: maps the stated or, if none, decoded size to intrinsics.
+    /// Decodes a photograph and makes its camera. `optics`: returns intrinsics for a width and height (stated, else the
+    /// file's), and adds notes. Fails if the picture's aspect ratio is not the stated one.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,
@@ -110,7 +111,8 @@ impl Source<'_> {
         Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
     }
 
-    /// Loads `count` photographs in parallel. `load`: loads the photograph at an index; `None` leaves it out.
+    /// Loads `count` photographs in parallel, without those that are masked out entirely, and counts them in `found`.
+    /// `load`: loads the photograph at an index; `None` leaves it out.
     pub(crate) fn load_all(
         &self,
         count: usize,
@@ -162,7 +164,7 @@ pub(crate) struct Fence {
 }
 
 impl Fence {
-    /// Restricts pictures to `folder`, unless `options` allow pictures outside of it.
+    /// Makes the fence around `folder`, without effect if `options` allow pictures outside of it.
     pub(crate) fn around(folder: &Path, options: &ReadOptions) -> Result<Self, DatasetError> {
         let resolve = || std::fs::canonicalize(folder).map_err(|source| DatasetError::io(folder, source));
         Ok(Self { bounds: if options.outside_files { None } else { Some(resolve()?) } })

@@ -13,13 +13,13 @@ use std::path::Path;
 pub struct Photo {
     pub name: String,
     pub picture: Picture,
-    /// Changes made to the picture after decoding, one sentence each.
+    /// Changes that were made to the picture after decoding, as one text for each change.
     pub notes: Vec<String>,
 }
 
 impl Photo {
     /// Reads a picture of any bit depth and channel count, turned upright as its EXIF tag says, composited over
-    /// `background` (display-encoded) if it is transparent, and reduced to `scale` times its width and height.
+    /// `background` (display-encoded) if transparent, and with its sides multiplied by `scale` (above 0, at most 1).
     pub fn read(file: &Path, background: [f32; 3], scale: f64) -> anyhow::Result<Self> {
         if !(scale > 0.0 && scale <= 1.0) {
             bail!("--scale: expected a number above 0 and at most 1, found {scale}");

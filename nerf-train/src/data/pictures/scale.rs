@@ -59,7 +59,7 @@ fn span(index: u32, count: u32, length: u32) -> (f64, f64) {
     (at(index), at(index + 1))
 }
 
-/// Returns the source pixels that target pixel `index` of `count` overlaps by more than rounding errors.
+/// Returns which of `length` source pixels target pixel `index` of `count` overlaps by more than rounding errors.
 fn touched(index: u32, count: u32, length: u32) -> Range<usize> {
     let (from, to) = span(index, count, length);
     (from + 1e-6).floor() as usize..((to - 1e-6).ceil() as usize).min(length as usize)

@@ -20,7 +20,7 @@ pub enum Fault {
         /// of fewer than three names are left out.
         others: Vec<Vec<String>>,
     },
-    /// Two sides of the scene look alike, and photographs of both have poses on the same side.
+    /// Two sides of the scene look alike, and photographs of the two sides have poses on one side.
     Folded {
         /// Names of the photographs in each group; poses agree within a group, but not between groups.
         groups: Vec<Vec<String>>,

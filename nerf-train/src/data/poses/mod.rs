@@ -64,7 +64,7 @@ struct Attempt {
     fault: Option<Fault>,
 }
 
-/// Finds the poses of photographs and writes `sparse/0` and `images` into a new folder; on an error, nothing remains.
+/// Finds the poses of photographs, and writes `sparse/0` and `images` into a new folder, which is removed on an error.
 pub fn find(request: &Request<'_>) -> anyhow::Result<Found> {
     let few = |found: usize, damaged: &[String]| {
         let skipped = match damaged.len() {
@@ -143,7 +143,8 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads the largest reconstruction of `way`, next to which the photographs are moved meanwhile; `None` if unreadable.
+/// Reads the largest reconstruction of `way` with its photographs, which are moved next to it while it is read. `None`
+/// if it is unreadable; an error if the photographs cannot be moved.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");
@@ -153,7 +154,7 @@ fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     Ok(data)
 }
 
-/// Runs COLMAP's stages with the strategy `way`, and returns a summary of the largest reconstruction.
+/// Matches and reconstructs with the strategy `way`, and summarises the largest reconstruction; fails if none is made.
 fn attempt(way: Way, place: &Place, runner: &Runner<'_>) -> anyhow::Result<Facts> {
     if let Some(matching) = commands::matching(place, way) {
         let database = place.database(way);

@@ -65,7 +65,7 @@ impl EvaluationTime {
         self.all += seconds;
     }
 
-    /// Whether one more evaluation after `now` seconds keeps all evaluations within [`VALIDATION_SHARE`] of `now`.
+    /// Whether, after `now` seconds, all evaluations including one more take at most [`VALIDATION_SHARE`] of `now`.
     fn affords(&self, now: f64) -> bool {
         self.one.is_some_and(|one| self.all + one <= VALIDATION_SHARE * now)
     }
@@ -139,7 +139,7 @@ struct Session<'a, 'p> {
     output: Option<&'a Path>,
     clock: Clock,
     time: EvaluationTime,
-    /// Steps and seconds when this command's first step began; above 0 if the run was resumed.
+    /// Steps done and seconds used when this command's first step began. The steps are above 0 if the run was resumed.
     started: (u32, f64),
     prepared: f64,
     budget: Budget,

@@ -1,5 +1,5 @@
-//! Passes of a study. A pass renders points (choices of settings) on views. Times are measured on a few of the views, the
-//! timing views, which every pass renders.
+//! Passes of a study. A pass renders points (choices of settings) on views. Times are measured on a few of the views,
+//! the timing views, which every pass renders.
 //!
 //! ```text
 //! pass 1   every view:      exact, base, each knob on its own        slow settings on the timing views only
@@ -67,7 +67,7 @@ pub struct Study<'a, 'b> {
     pub timing: Vec<usize>,
     pub background: [f32; 3],
     pub effort: Effort,
-    /// All points: the exact rendering, the base settings, the base with one knob changed, the combinations.
+    /// All points, in this order: the exact rendering, the base settings, the base with one knob changed, combinations.
     pub points: Vec<Point>,
     pub exact: Vec<Frame>,
     pub rounds_left_out: usize,
@@ -78,7 +78,7 @@ pub struct Study<'a, 'b> {
 }
 
 impl<'a, 'b> Study<'a, 'b> {
-    /// Measures the scene of `lab` on `views`. `each` is called after every frame; the time limit counts from `start`.
+    /// Studies `lab`'s scene on `views`; fails without views. Calls `each` after every frame. Time counts from `start`.
     pub fn run(
         lab: &'a Variants<'b>,
         mut views: Vec<&'a View>,
@@ -258,7 +258,7 @@ impl<'a, 'b> Study<'a, 'b> {
         })
     }
 
-    /// Compares the exact rendering with the portable kernel in a square in the middle of the first view.
+    /// Renders a square in the middle of the first view exactly and with the portable kernel, and sets `oracle_max`.
     fn check_oracle(&mut self) -> anyhow::Result<()> {
         let camera = &self.views[0].camera;
         let i = *camera.intrinsics();

@@ -28,7 +28,8 @@ pub enum Knob {
 }
 
 impl Knob {
-    /// Returns the command-line flag, the axis label in plots, and the encoding that a field must have (`None`: any).
+    /// Returns the command-line flag, the axis label in plots, and the only encoding that has the setting (`None`:
+    /// all).
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
             Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),

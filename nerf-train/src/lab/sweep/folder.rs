@@ -73,7 +73,7 @@ impl Folder {
         if path.exists() { read_json(&path, "record").map(Some) } else { Ok(None) }
     }
 
-    /// Saves a finished run: its picture first, so that no record lacks its picture.
+    /// Saves the record `run` of a finished run. Saves `picture` first, so that no saved record lacks its picture.
     pub fn keep(&self, run: &Record, picture: Option<&Picture>) -> anyhow::Result<()> {
         if let Some(picture) = picture {
             picture.write_png(self.picture_path(&run.point.name()))?;
@@ -95,7 +95,7 @@ impl Folder {
         files.iter().map(|path| read_json(path, "record")).collect()
     }
 
-    /// Runs those `points` that have no record. `make` runs one point, returns record and picture; `say` gets messages.
+    /// Runs the `points` that have no record, and saves each result. `make`: runs one point; `say`: shows a message.
     pub fn conduct(
         &self,
         points: &[Point],
@@ -116,7 +116,7 @@ impl Folder {
         Ok(())
     }
 
-    /// Copies the finished runs of another folder of the same sweep; returns the number of new ones.
+    /// Copies finished runs from `other`, and returns the number of new runs. Fails if `other` holds another sweep.
     pub fn take_in(&self, other: &Self) -> anyhow::Result<usize> {
         other.check_same(&self.header)?;
         let mut new = 0;

@@ -34,7 +34,7 @@ pub struct Header {
     pub data: String,
     pub fingerprint: String,
     pub mode: Mode,
-    /// All base settings, also the base values of varied settings. A later command may vary other settings.
+    /// All base settings, including the base values of varied settings, since a later command may vary other settings.
     pub settings: serde_json::Value,
 }
 
@@ -44,7 +44,7 @@ pub enum Status {
     Ok,
     /// A number overflowed, or every density became 0.
     Diverged,
-    /// Score no better than that of one flat colour: the learning rate is too high, or the steps are too few.
+    /// The field scores no better than one flat colour: the learning rate is too high, or the steps are too few.
     Flat,
 }
 

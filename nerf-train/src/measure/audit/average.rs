@@ -91,7 +91,7 @@ pub fn flattened(
     without_direction(architecture, parameters, &mean)
 }
 
-/// Whether the layer's input contains PE(d): the first colour layer of a network with view dependence.
+/// Whether the layer's input contains the encoded direction. True for the first colour layer if colour depends on it.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
 }

@@ -85,7 +85,8 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Judges an effect that adds `gain_db` to PSNR and multiplies the number of multiply-adds by `relative_macs`.
+    /// Judges an effect that adds `gain_db` to PSNR and multiplies the number of multiply-adds by `relative_macs`. An
+    /// effect whose gain is NaN, as it was not measured, is kept.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
         // With a gain of NaN (not measured), the effect is kept.
@@ -126,9 +127,9 @@ pub struct AuditOptions {
     pub clock: Clock,
 }
 
-/// Renders each view with all effects and then once without each effect, and returns every effect's gain and cost.
-/// `rays`: views over whose rays the encoded direction is averaged, to leave out view dependence. `each` is called with
-/// the number of frames rendered and the number of all frames. Fails if `views` is empty.
+/// Renders each view with all effects, and then without one effect after another. Returns every effect's gain and cost.
+/// `rays`: views over whose rays the encoded direction is averaged, to leave out view dependence. `each` is called
+/// after every frame, with the number of frames rendered and the number of all frames. Fails if `views` is empty.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
@@ -163,8 +164,8 @@ pub fn audit(
     Ok(found.into_iter().map(|(effect, place)| (effect, place.map(worth))).collect())
 }
 
-/// Renders each view with each of the settings `ways`, `repeats` times. The rendering with the first of `ways` is the
-/// reference for errors, in place of the exact rendering.
+/// Renders each view with each of the settings `ways`, `repeats` times. Returns errors and times in the order of
+/// `ways`. The rendering with the first of `ways` is the reference for errors, in place of the exact rendering.
 fn measure(
     lab: &Variants<'_>,
     ways: &[Without],

@@ -43,7 +43,7 @@ pub(super) fn other_source(found: impl Display) -> anyhow::Error {
     anyhow::anyhow!("--source: expected the network that the blob was rounded from, found another: {found}")
 }
 
-/// Returns `parameters` if they give exactly the blob's weights when rounded, else an error.
+/// Returns `parameters` if they are exactly the blob's weights after rounding to f16, else an error.
 fn same(blob: &Blob<'_>, architecture: &Architecture, parameters: Vec<f32>) -> anyhow::Result<Vec<f32>> {
     if architecture != blob.architecture() {
         return Err(other_source("layers or encodings of other sizes"));

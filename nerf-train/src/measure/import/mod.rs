@@ -85,12 +85,12 @@ pub struct Request<'a> {
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Training views, or else validation views. To leave out view dependence, PE(d) is averaged over their rays.
+    /// Training or else validation views. Their rays' mean encoded direction is used to leave out view dependence.
     pub rays: Vec<View>,
 }
 
 pub enum Occupancy {
-    /// The grid that the network was trained with.
+    /// The occupancy grid that the network was trained with.
     Given {
         cells: OccupiedCells,
         /// Whether the user says that the grid is not part of the model: it is then never required for rendering.

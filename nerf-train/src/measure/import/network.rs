@@ -271,7 +271,8 @@ impl<'t> Reader<'t> {
         self.parameters.extend_from_slice(&layer.bias[rows]);
     }
 
-    /// Appends the density head to the parameters: row `row` of `layer`, with columns in the order of `columns`.
+    /// Appends row `row` of `layer` as density head, with columns in the order of `columns`. Adapts the bias
+    /// to the model's density activation.
     fn put_density(&mut self, layer: Linear<'_>, row: usize, columns: &[usize]) {
         self.put(layer, row..row + 1, columns);
         if self.settings.density == RawDensity::Softplus

@@ -9,7 +9,7 @@ use nerf_core::blob::{MAX_OCCUPANCY_RESOLUTION, MAX_SAMPLES, SceneFacts, SceneSa
 use nerf_core::encoding::AngleScale;
 use nerf_core::space::SceneBox;
 
-/// The factor `s` in `sin(2^k s x)`.
+/// The factor `s` in `sin(2^k s x)`, the encoding of an input `x` at level `k`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum AngleFactor {
     /// s = 1, as in the original NeRF code and nerf-pytorch.

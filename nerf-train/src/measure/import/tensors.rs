@@ -48,13 +48,13 @@ enum Source<'d> {
 
 impl Tensors {
     /// Reads the network whose tensor names begin with `prefix`. `None`: the file's only network, or the only one with
-    /// "fine" in its prefix.
+    /// "fine" in its prefix. Fails if there is no such network.
     pub fn read(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| prefix.contains("fine"))
     }
 
     /// Reads the coarse network, whose tensor names begin with `prefix`. `None`: the file's only network, or the only
-    /// one without "fine" in its prefix.
+    /// one without "fine" in its prefix. Fails if there is no such network.
     pub fn read_coarse(file: &Path, prefix: Option<&str>) -> anyhow::Result<Self> {
         Self::read_where(file, prefix, |prefix| !prefix.contains("fine"))
     }
@@ -117,7 +117,7 @@ fn prefix_of(name: &str) -> Option<&str> {
 }
 
 /// Returns the prefix of the network to read, and the prefixes of the file's other networks. `asked`: prefix to choose;
-/// `None`: the file's only prefix, or the only one that `wanted` accepts.
+/// `None`: the file's only prefix, or the only one that `wanted` accepts. Fails if there is no such prefix.
 fn choose(
     file: &Path,
     names: &[String],

@@ -119,7 +119,7 @@ pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, coun
     (channel(0) + channel(1) + channel(2)) / 3.0
 }
 
-/// Returns the SSIM of one channel. The caller must check the sizes.
+/// Returns the SSIM of one channel of two pictures. `counts`: as in [`ssim_of`]. The caller must check the sizes.
 fn ssim_of_plane(a: &[f64], b: &[f64], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let (across, down) = (gaussian(width), gaussian(height));
     let blur = |plane: &[f64]| blur_valid(plane, width, height, &across, &down);

@@ -15,7 +15,7 @@ use std::ops::RangeInclusive;
 const MAX_STEP_SAMPLES: usize = 1 << 27;
 /// Largest number of table values of a trained grid: half of the file format's limit.
 pub const MAX_TABLE_VALUES: usize = 1 << 26;
-/// Largest number of cells of the occupancy grid along the longest side.
+/// Largest number of cells of the occupancy grid along the longest side of the scene box.
 pub const MAX_OCCUPANCY_RESOLUTION: u16 = 512;
 
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -137,7 +137,7 @@ pub(crate) fn check_table(grid: &TableConfig) -> Result<(), ConfigError> {
     rule("network.grid.finest", (coarsest..=MAX_GRID_RESOLUTION).contains(&finest), most, finest)
 }
 
-/// Checks the number of table values of a grid. `what`: the box or image that the grid spans, as named in the error.
+/// Checks that a grid has at most [`MAX_TABLE_VALUES`] values. `what`: name of the grid's box or image in the error.
 pub(crate) fn check_table_values(grid: &GridEncoding, what: &str) -> Result<(), ConfigError> {
     let values = grid.values();
     let most =

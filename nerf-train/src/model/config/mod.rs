@@ -53,7 +53,7 @@ pub struct NetworkConfig {
     pub skip_after: usize,
     /// Grid that encodes positions; if absent, the encoding is sinusoidal.
     pub grid: Option<TableConfig>,
-    /// Number of levels (frequencies) of the position's sinusoidal encoding.
+    /// Number of levels (frequencies) of the position's sinusoidal encoding; 0 with a grid.
     pub position_levels: u8,
     /// Number of levels (frequencies) of the direction's sinusoidal encoding. With a grid: degree of the direction's
     /// spherical harmonics instead. 0: the colour does not depend on the direction.
@@ -276,7 +276,7 @@ impl Config {
 
     /// Returns the number of occupancy cells along the longest side of a box of this extent: `occupancy.resolution`,
     /// unless this is 0. For 0, returns the largest candidate resolution whose bits take at most a third of the bytes
-    /// of the learned grid's tables.
+    /// of the learned grid's tables: at least 32; 128 without a learned grid.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;

@@ -27,7 +27,8 @@ impl LayerSum {
         self.touched = false;
     }
 
-    /// Adds a chunk's gradient: `dy` (gradient with respect to outputs) times the transposed inputs `[main, extra, 1]`.
+    /// Adds a chunk's gradient: `dy` (gradient with respect to the layer's outputs, `[blocks][outputs][BLOCK]`) times
+    /// the transposed inputs `[main, extra, 1]`, which are in `slots`. `transposed`: scratch buffer.
     pub(super) fn add(
         &mut self,
         isa: Isa,
@@ -107,7 +108,8 @@ fn add_all<'a>(out: &mut [f32], rows: impl Iterator<Item = &'a [f32]>) {
     }
 }
 
-/// Computes `gradient[o][i] = Σ_s dy[o][s] x[i][s]` over the samples `s` of a block, added to the old value if `add`.
+/// Computes `gradient[o][i] = Σ_s dy[o][s] x[i][s]` over the first `lanes` samples `s` of a block. If `add`, adds the
+/// sum to the old `gradient`. `columns`: length of a row of `gradient`.
 fn add_dots(gradient: &mut [f32], columns: usize, dy: &[f32], x: &[f32], lanes: usize, add: bool) {
     for (row, dy) in gradient.chunks_exact_mut(columns).zip(dy.chunks_exact(BLOCK)) {
         for (g, x) in row.iter_mut().zip(x.chunks_exact(BLOCK)) {

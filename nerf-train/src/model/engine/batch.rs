@@ -37,8 +37,8 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Distance between sample and surface, in units of [`Surface::at`], beyond which a sample's cost is constant. This
-    /// bounds the effect of a wrong surface on its ray.
+    /// Distance between sample and surface, in units of [`Surface::at`], beyond which the sample's term in the depth
+    /// loss is constant. This bounds the effect of a wrong surface on the ray.
     pub const CLIP: f32 = 0.25;
 }
 
@@ -47,7 +47,7 @@ impl Surface {
 pub struct RayQuestion {
     /// Contraction of the world into the space of [`Batch::positions`].
     pub contraction: Contraction,
-    /// Standard deviation, in contracted space, of the Gaussian that smooths the gradient with respect to position.
+    /// Standard deviation, in units of contracted space, of the Gaussian that smooths the gradient by position.
     pub blur: f32,
 }
 
@@ -84,11 +84,11 @@ pub struct Batch {
     pub surfaces: Vec<Surface>,
     /// Position along the ray, in the units of [`Surface::at`], of each sample on a ray with a known surface.
     pub along: Vec<f32>,
-    /// Index of each ray's photograph. This field and all fields after it are used with a grid only.
+    /// Index of each ray's photograph; empty if unknown. This field and all fields after it are used with a grid only.
     pub views: Vec<u32>,
-    /// Index of each ray's pixel in its photograph.
+    /// Index of each ray's pixel in the photograph, row · width + column; empty if unknown.
     pub pixels: Vec<u32>,
-    /// Origin of each ray, world units.
+    /// Origin of each ray, world units. May be empty if `question` and `smoothness` are `None`.
     pub origins: Vec<[f32; 3]>,
     /// Request for gradients with respect to the rays ([`RayGradient`]); `None` if they are not needed.
     pub question: Option<RayQuestion>,
@@ -126,7 +126,7 @@ impl Batch {
         self.smoothness = None;
     }
 
-    /// Checks that lists have matching lengths and that every number is finite.
+    /// Checks that lists have matching lengths, numbers are finite, `deltas` not negative, and `lines` as documented.
     pub fn check(&self) -> Result<(), BatchError> {
         let claimed: u64 = self.rays.iter().map(|ray| u64::from(ray.samples)).sum();
         let scales =

@@ -17,7 +17,7 @@ use std::borrow::Cow;
 /// Number of accumulators, and largest number of threads that a step uses.
 const ACCUMULATORS: usize = 16;
 
-/// Trains a network with sinusoidal encodings by explicit forward and backward passes.
+/// Engine that trains a network with sinusoidal encodings by explicit forward and backward passes.
 ///
 /// Memory: five values per parameter and, for each accumulator, one gradient and the activations of one chunk.
 pub struct FusedEngine {
@@ -54,7 +54,7 @@ impl FusedEngine {
         &self.graph.model
     }
 
-    /// Returns the loss of a batch that [`Batch::check`] accepted; writes the gradient to the optimiser.
+    /// Returns the loss of a valid batch ([`Batch::check`]); sets the optimiser's gradient. Fails if training diverged.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         let Self { graph, isa, optimiser, parameters, chunks, passes } = self;
         cut(batch, SAMPLES, chunks);

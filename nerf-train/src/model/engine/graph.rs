@@ -63,7 +63,7 @@ impl Graph {
     }
 }
 
-/// Returns the index of each block of [`BLOCK`] samples, and how many lanes to compute, a multiple of [`VECTOR`].
+/// Iterates over the blocks of [`BLOCK`] samples: index, and number of lanes to compute, a multiple of [`VECTOR`].
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))
@@ -79,7 +79,8 @@ pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &
 }
 
 impl Node {
-    /// Computes the layer's outputs `out` for all samples. `slots`: activation buffers, among them the layer's inputs.
+    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`. `parameters`: of all layers; `slots`: activation
+    /// buffers, among them the layer's inputs.
     pub(super) fn forward(
         &self,
         isa: Isa,

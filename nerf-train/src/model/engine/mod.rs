@@ -153,7 +153,7 @@ pub trait Engine: Send {
     /// if the loss or a gradient is not finite. Parameters, moments and step count are then as before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
-    /// Does [`Engine::step`]; calls `prefetch` with the loss: in parallel with the update if possible, else after it.
+    /// Does [`Engine::step`]. Calls `prefetch` (work on the next batch) with the loss, if possible during the update.
     ///
     /// # Errors
     /// The errors of [`Engine::step`]; `prefetch` is then not called.
@@ -180,27 +180,27 @@ pub trait Engine: Send {
         &[]
     }
 
-    /// Returns the last batch's gradient with respect to each photograph's log gain; 0 for a photograph without rays.
+    /// Returns the last batch's gradient with respect to the log gain of each of `views` photographs; 0 without rays.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
 
-    /// Computes loss and requested ray gradients of a batch, without a step. An engine without ray gradients returns 0.
+    /// Computes loss and ray gradients of a batch, without a step. An engine without ray gradients returns a loss of 0.
     fn ask(&mut self, _batch: &Batch) -> Result<StepLoss, EngineError> {
         Ok(StepLoss::default())
     }
 
-    /// Returns the gradients of the last batch's loss with respect to its rays; none if not requested or not available.
+    /// Returns the gradients of the last batch's loss with respect to rays; empty if not requested or not supported.
     fn ray_gradients(&self) -> Box<dyn Iterator<Item = &RayGradient> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Returns, for each ray with a known photograph: index in the last batch, and rendered minus photographed colour.
+    /// Returns, for each ray of the last batch with a known photograph: index, and rendered minus photographed colour.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
 
-    /// Returns position and compositing weight of each sample that the last step trained; none if not available.
+    /// Returns position and compositing weight of each sample that the last step trained; empty if not supported.
     fn weighted(&self) -> Box<dyn Iterator<Item = ([f32; 3], f32)> + '_> {
         Box::new(std::iter::empty())
     }
@@ -260,7 +260,7 @@ pub struct OptimiserState {
 }
 
 impl OptimiserState {
-    /// Returns the state before the first step.
+    /// Returns the state before the first step of training from `parameters`.
     fn at(parameters: Vec<f32>) -> Self {
         let zeros = vec![0.0; parameters.len()];
         Self { parameters, moment1: zeros.clone(), moment2: zeros, ..Self::default() }

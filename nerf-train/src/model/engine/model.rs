@@ -46,7 +46,7 @@ pub struct Dense {
 }
 
 impl Dense {
-    /// Returns the length of a row of `W`.
+    /// Returns the number of inputs, `main + extra`: the length of a row of `W`.
     pub fn inputs(&self) -> usize {
         self.main + self.extra
     }
@@ -73,7 +73,7 @@ impl Model {
         Self { architecture, feature: false, density_scale: 1.0, density_bias: 0.0 }
     }
 
-    /// Checks the architecture and the density's constants.
+    /// Checks the architecture, and that `density_scale` is finite and above 0 and `density_bias` finite.
     pub fn check(&self) -> Result<(), ModelError> {
         self.architecture.check().map_err(ModelError::Architecture)?;
         let scale = self.density_scale;
@@ -208,8 +208,8 @@ impl Model {
     }
 }
 
-/// Appends the parameters of one layer that replaces `inner` (weights `F`, bias `f`) followed by `outer` (`W`, `b`):
-/// `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
+/// Appends the parameters of one layer that replaces `inner` (weights `F`, bias `f`) followed by `outer` (`W`, `b`).
+/// For main inputs `h` and extra inputs `e`: `W [F h + f, e] + b = [W_main F, W_extra] [h, e] + (W_main f + b)`.
 fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, inner_values: &[f32]) {
     let (weights, bias) = values.split_at(outer.inputs() * outer.outputs);
     let (inner_weights, inner_bias) = inner_values.split_at(inner.inputs() * inner.outputs);

@@ -26,7 +26,7 @@ pub(super) struct Job<'a> {
     pub(super) parameters: &'a [f32],
 }
 
-/// Accumulator of loss and gradients; its buffers for the current chunk are reused from step to step.
+/// Accumulator of the loss and gradients of several chunks, with buffers for the current chunk.
 #[derive(Default)]
 pub(super) struct Pass {
     pub(super) loss: ChunkLoss,
@@ -34,7 +34,7 @@ pub(super) struct Pass {
     slots: Vec<Vec<f32>>,
     /// Gradient of the loss with respect to the current layer's output, `[blocks][outputs][BLOCK]`.
     upper: Vec<f32>,
-    /// Gradient with respect to the layer's main inputs, `[blocks][main][BLOCK]`. Encodings (extra inputs) get none.
+    /// Gradient of the loss with respect to the current layer's main inputs, `[blocks][main][BLOCK]`.
     lower: Vec<f32>,
     /// Sigma of each sample, padded to whole blocks.
     sigma: Vec<f32>,
@@ -161,7 +161,7 @@ impl Pass {
         }
     }
 
-    /// Sets dL/d sigma and dL/d rgb to 0 in the lanes after the last sample.
+    /// Sets dL/d sigma and dL/d rgb to 0 in the lanes after the last sample, which then add nothing to the gradients.
     fn zero_padding(&mut self, samples: usize) {
         grow(&mut self.upper, 3, samples);
         grow(&mut self.d_sigma, 1, samples);
@@ -172,7 +172,7 @@ impl Pass {
         }
     }
 
-    /// Does the colour branch's backward pass: `self.upper`, dL/d (rgb before sigmoid), becomes dL/d (trunk output).
+    /// Does the colour branch's backward pass. Changes `self.upper` from dL/d (raw rgb) to dL/d (trunk output).
     fn backward_colour(&mut self, job: Job<'_>, samples: usize) {
         let Graph { nodes, colour, .. } = job.graph;
         for l in colour.clone().rev() {
@@ -187,7 +187,7 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of density and trunk. `colour`: whether `self.upper` holds the colour branch's gradient.
+    /// Does the backward pass of density and trunk. If `colour`, adds to the colour branch's gradient in `self.upper`.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {

@@ -37,7 +37,7 @@ impl ReferenceEngine {
         Ok(Self { graph, device: Cpu::default(), optimiser })
     }
 
-    /// Returns sigma (1/world unit; empty in a 2D field) and colour at each position. `dirs`: view direction at each.
+    /// Returns sigma (1/world unit; empty in a 2D field) and colour at `positions`, seen along `dirs` of equal length.
     pub fn forward(
         &self,
         positions: &[[f32; 3]],
@@ -128,7 +128,7 @@ impl ReferenceEngine {
         Ok(Some(sigma.try_clamp(0.0, SIGMA_LIMIT)?))
     }
 
-    /// Returns the colour of each point, `[points][3]`, recorded on a new tape.
+    /// Returns the colour of each point, `[points][3]`, from the trunk's output `h`, recorded on a new tape.
     fn colour<T: Tape<f32, Cpu>>(
         &self,
         weights: &[Weights],
@@ -144,6 +144,7 @@ impl ReferenceEngine {
     }
 
     /// Returns the contribution of `rays` to the batch's mean squared error, and whether any sigma is above 0.
+    /// `samples`: range of the rays' samples in the batch.
     fn render(
         &self,
         weights: &[Weights],
@@ -178,7 +179,7 @@ impl ReferenceEngine {
         Ok((with_tape(error, h.split_tape().1), alive))
     }
 
-    /// Returns the contribution of `points`, in empty cells, to the mean of ln(1 + sigma); `None` in a 2D field.
+    /// Returns the contribution of `points` to the mean of ln(1 + sigma) over [`Batch::empty`]; `None` in a 2D field.
     fn thin(
         &self,
         weights: &[Weights],
@@ -191,7 +192,7 @@ impl ReferenceEngine {
         Ok(Some(with_tape(sum.try_mul(1.0 / batch.empty.len() as f32)?, h.split_tape().1)))
     }
 
-    /// Returns the loss of a batch that [`Batch::check`] accepted, and its gradient with respect to each parameter.
+    /// Returns the loss of a valid batch ([`Batch::check`]) and its gradient by parameter. Fails if training diverged.
     fn differentiate(&self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let weights = self.weights()?;
         let (mut chunks, mut gradients) = (Vec::new(), vec![0.0; self.optimiser.values().len()]);

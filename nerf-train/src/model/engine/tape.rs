@@ -11,7 +11,7 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Number of samples at which a tape is full (gets no further ray): some 300 MiB of activations for the 8×256 network.
+/// Number of samples at which a tape gets no further ray. Activations of the 8×256 network then take some 300 MiB.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
 /// Parameters of one layer; main and extra inputs have separate matrices, as dfdx has no concatenation.
@@ -38,7 +38,7 @@ impl Weights {
         })
     }
 
-    /// Returns `W [x, extra] + b`, for each row (sample) of `x`.
+    /// Returns `W [x, extra] + b`, `[samples][outputs]`. `x`: main inputs, `[samples][main]`; `extra`: extra inputs.
     pub(super) fn apply<T: Tape<f32, Cpu>>(
         &self,
         x: Matrix<T>,
@@ -53,7 +53,7 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradient of layer `d`, taken from `found`, to its range of `out`, which holds all layers' gradients.
+    /// Adds the gradient of layer `d`, taken from `found`, to the layer's range of `out`, the gradients of all layers.
     pub(super) fn collect(
         &self,
         d: &Dense,
@@ -126,13 +126,14 @@ impl Rows {
         Ok(weights.try_mul(values.try_reshape_like(&shape)?)?.try_sum::<(usize, usize), Axis<1>>()?)
     }
 
-    /// Returns `Σ_{j<i} x_j` on each ray: a product with a triangular matrix of ones, as dfdx has no cumulative sum.
+    /// Returns `Σ_{j<i} x_j` for each sample `i` of each ray, `[rays][longest]`: a product with a triangular matrix.
     pub(super) fn sums_in_front(&self, x: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
         let longest = self.shape.1;
         Ok(x.try_matmul(self.device.try_upper_tri_like(&(longest, longest), 1.0, 1)?)?)
     }
 
-    /// Returns `T_i = exp(−Σ_{j<i} tau_j)` before each sample, and `T_end` after each ray's last sample.
+    /// Returns `T_i = exp(−Σ_{j<i} tau_j)` before each sample, and `T_end` after each ray's last sample. `tau`: optical
+    /// depths, `[rays][longest]`, 0 after a ray's last sample.
     pub(super) fn transmittance(
         &self,
         tau: Matrix<Taped>,
@@ -143,7 +144,7 @@ impl Rows {
     }
 }
 
-/// Composites `shown`, Σ weight · colour, `[rays][3]`, over the background. `transmittance`: at the rays' ends.
+/// Composites `shown`, Σ weight · colour, over `background`, each `[rays][3]`. `transmittance`: at the end of each ray.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,

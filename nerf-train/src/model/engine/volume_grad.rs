@@ -3,7 +3,7 @@
 use super::BatchRay;
 use nerf_core::simd::BLOCK;
 
-/// Samples of whole rays: `colour` is `[blocks][3][BLOCK]`, `deltas` and `sigma` are `[samples]`.
+/// Samples of several rays, ray after ray: `colour` is `[blocks][3][BLOCK]`, `deltas` and `sigma` are `[samples]`.
 pub(super) struct Samples<'a> {
     pub(super) deltas: &'a [f32],
     /// Density per world unit; `None` in a 2D field, where every sample is opaque.

@@ -66,7 +66,7 @@ impl GifWriter {
         }
     }
 
-    /// Writes the buffered frames and gives the file its final name.
+    /// Writes the buffered frames and gives the file its final name. Fails if there was no frame.
     pub fn finish(mut self) -> anyhow::Result<()> {
         self.write_waiting()?;
         if self.written == 0 {
@@ -102,7 +102,7 @@ pub(crate) fn check_rate(fps: f64) -> anyhow::Result<()> {
     bail!("cannot make the animation: {fps} frames per second is not a rate")
 }
 
-/// Fails if the frame's size differs from `expected`, or if its number of pixels is not width × height.
+/// Fails if frame `index` has not the `expected` width and height, or if its number of pixels is not width × height.
 pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)) -> anyhow::Result<()> {
     if (frame.width, frame.height) != expected {
         let (width, height) = expected;
@@ -115,7 +115,7 @@ pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)
     check_length("a frame", frame.width, frame.height, frame.rgb.len())
 }
 
-/// Returns the delay of frame `index`, hundredths of a second.
+/// Returns the delay of frame `index` at `fps` frames per second: hundredths of a second, at least 2.
 fn delay(index: usize, fps: f64) -> u16 {
     let at = |i: usize| (i as f64 * 100.0 / fps).round();
     // Differences of rounded absolute times, so that rounding errors do not accumulate.

@@ -55,7 +55,7 @@ fn count(rgb: &[u8]) -> Vec<Counted> {
     pixels.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
 }
 
-/// Set of colours. `axis`: channel with the largest sum of squared deviations, `error`, from the channel's `mean`.
+/// Set of colours. `error`: sum of squared deviations from `mean` in the channel `axis`, where this sum is largest.
 struct Set {
     colours: Vec<Counted>,
     error: f64,

@@ -70,7 +70,7 @@ pub fn write_obj(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
 }
 
 /// Writes a mesh as GLB: positions, normals and unlit colours in linear light, in the data's coordinates and units. The
-/// axes are not changed, although glTF defines +Y as up. The mesh's origin becomes the node's translation.
+/// axes stay, although glTF defines +Y as up. The mesh's origin becomes the node's translation. Fails from 4 GiB on.
 pub fn write_glb(mesh: &Mesh, path: &Path) -> anyhow::Result<()> {
     let size = 36 * mesh.vertices.len() as u64 + 12 * mesh.triangles.len() as u64;
     // Leaves 64 KiB of the format's 4 GiB for the JSON document.
@@ -156,7 +156,7 @@ fn linear(value: f32) -> f32 {
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Writes a file whole or not at all.
+/// Creates the file at `path` with what `write` writes to it. If `write` fails, there is no new file.
 fn written(path: &Path, write: impl FnOnce(&mut AtomicFile) -> io::Result<()>) -> anyhow::Result<()> {
     let mut file = AtomicFile::create(path)?;
     write(&mut file).map_err(|source| OutputError::new(Attempt::Write, path, source))?;

@@ -63,7 +63,7 @@ impl Lattice {
 }
 
 /// Returns the side of a cube, world units, and number of cubes along each axis, for a box with `resolution` cubes
-/// along its longest side. A lattice's additional layer around the box is not included.
+/// along its longest side. A lattice's additional layer is not counted. Fails for an empty box or tiny cubes.
 pub(super) fn cubes(bounds: &SceneBox, resolution: u32) -> anyhow::Result<(f32, [usize; 3])> {
     let extent = bounds.max - bounds.min;
     let cell = extent.max_element() / resolution.max(1) as f32;

@@ -75,7 +75,8 @@ impl OpticalDepth {
         });
     }
 
-    /// Sums optical depths along [`ACROSS`], slice by slice in `order`. `keep`: as in [`Self::within_slices`].
+    /// Sums optical depths along [`ACROSS`], slice by slice. `order`: indices of the slices, ascending or descending.
+    /// `keep`: factor on a sum for each cell of path length.
     fn between_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32, order: &[usize]) {
         let [width, height] = lattice.corners();
         let steps = ACROSS.map(|[dx, dy]| {
@@ -110,7 +111,7 @@ fn step(direction: [isize; 3]) -> (f32, f32) {
     (cells, 0.5 * cells)
 }
 
-/// Iterates over an axis's corners, except the outermost, which are outside of the box; `direction` < 0: descending.
+/// Iterates over the indices of an axis's corners except the first and the last; `direction` < 0: in descending order.
 fn inner(corners: usize, direction: isize) -> impl Iterator<Item = usize> {
     (1..corners - 1).map(move |i| if direction < 0 { corners - 1 - i } else { i })
 }

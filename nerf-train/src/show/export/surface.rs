@@ -44,7 +44,8 @@ pub enum Surface {
 /// The mesh is a surface net, of densities or of optical depths, with smoothed normals. For a visible surface, a vertex
 /// is left out if the opacity along the vertex's inward ray stays below 1/2. If the opacity crosses 1/2 far behind a
 /// vertex, the vertex moves inward, to about two cells in front of the crossing: closer vertices would make triangles
-/// intersect. `each` is called with the number of finished slices, summed over three passes of the lattice.
+/// intersect. `each` is called with the number of finished slices, summed over three passes of the lattice. Fails if
+/// the box holds no surface.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,

@@ -79,8 +79,8 @@ pub struct Label {
 /// Rectangle that a point or a label covers: left, top, right, bottom, pixels.
 type Taken = [i32; 4];
 
-/// Draws labels beside points; positions are in pixels of `root`. `area`: columns and rows that labels may use. A label
-/// avoids points and earlier labels; a thin line joins a label to a distant point. A label without room is left out.
+/// Draws `labels` (text, and pixel of the point in `root`) beside points, if there is room. `area`: columns and rows
+/// for labels. Labels avoid labelled points and each other; a thin line joins a label to a distant point.
 pub(super) fn draw_labels<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     area: &(Range<i32>, Range<i32>),

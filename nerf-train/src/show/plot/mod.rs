@@ -83,7 +83,7 @@ pub struct LinePlot {
     pub y_label: String,
     /// Series in the order in which they are drawn; may be empty.
     pub series: Vec<Series>,
-    /// Whether the horizontal axis is logarithmic; points with x ≤ 0 are left out.
+    /// Whether the horizontal axis is logarithmic; points with x below 1e-15 are then left out.
     pub log_x: bool,
     /// Dashed horizontal lines; the vertical axis always includes their values.
     pub references: Vec<Reference>,
@@ -336,7 +336,7 @@ impl LinePlot {
     }
 }
 
-/// Returns the ends of a linear axis that holds all values, with a margin.
+/// Returns the ends of a linear axis that holds all values (0 and 1 if there are none), with a margin.
 fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     let (low, high) = ends(values).unwrap_or((0.0, 1.0));
     let largest = low.abs().max(high.abs());
@@ -348,8 +348,8 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Returns the range of a logarithmic axis that contains all values, and the ticks: 1, 2 and 5 times the powers of ten
-/// or, if these are more than [`TICKS`], every n-th power of ten, where n depends on the number of decades.
+/// Returns the range of a logarithmic axis that contains all values (1 and 10 if there are none), and the ticks: 1, 2
+/// and 5 times the powers of ten or, if these are more than [`TICKS`], every n-th power of ten.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;

@@ -101,7 +101,7 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
     Ok(())
 }
 
-/// Makes a sheet: a row per view, a column per step, and a column of ground truth over `background`; `None` if empty.
+/// Makes a contact sheet: a row per view, a column per step, and last ground truth over `background`; `None` if empty.
 /// Snapshots are read from `folder`, including those saved before a resume. A missing snapshot becomes a grey cell.
 fn sheet(
     title: &str,

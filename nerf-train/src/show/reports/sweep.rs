@@ -13,9 +13,9 @@ use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Largest number of curves in a plot. More could not be told apart; the runs are then combined into fewer curves.
+/// Largest number of curves in a plot: more could not be told apart. Runs of more curves are combined into one or two.
 const MAX_SERIES: usize = 7;
-/// Longest side of a picture on the sheet, pixels.
+/// Longest side of a picture on the contact sheet, pixels.
 const THUMBNAIL: usize = 256;
 
 /// Writes table.csv, report.md, sheet.png and plots of the finished runs into `folder`; returns the runs' records.

@@ -39,7 +39,7 @@ pub struct Ffmpeg {
 }
 
 impl Ffmpeg {
-    /// Checks that `program` (`None`: `ffmpeg` on `PATH`) runs and has an encoder for MP4s.
+    /// Finds `program` (`None`: `ffmpeg` on `PATH`). Fails unless the program runs and has an encoder for MP4s.
     pub fn find(program: Option<&Path>) -> anyhow::Result<Self> {
         Self::find_within(program, LISTING_PATIENCE)
     }
@@ -152,7 +152,7 @@ impl Mp4Writer {
         Ok(())
     }
 
-    /// Waits for ffmpeg and gives the file its final name.
+    /// Waits for ffmpeg to end, then gives the file its final name. Fails if ffmpeg fails, or if there was no frame.
     pub fn finish(mut self) -> anyhow::Result<()> {
         if self.written == 0 {
             bail!(NO_FRAMES);

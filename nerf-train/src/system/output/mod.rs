@@ -155,7 +155,7 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Returns the path of the file to which another program may write before the commit. It must not replace the file.
+    /// Returns the path of a file to which another program may write before the commit, but which it must not replace.
     pub fn place(&self) -> &Path {
         match &self.sink {
             Sink::Temporary(buffer, _) => buffer.get_ref().path(),

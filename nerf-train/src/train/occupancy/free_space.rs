@@ -11,7 +11,7 @@ const FREE_SHARE: f32 = 0.85;
 const MIN_CROSSINGS: u32 = 3;
 /// Ratio that a free cell must exceed: number of lines of sight that cross the cell, per line that ends in it.
 const ENDS: u32 = 4;
-/// Side of a block of cells, in cells.
+/// Side, in cells, of a block of cells that are also tested as a whole.
 const BLOCK: usize = 4;
 /// Confidence below which a line of sight is ignored.
 const MIN_CONFIDENCE: f32 = 0.15;

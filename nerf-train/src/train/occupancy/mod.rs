@@ -132,8 +132,9 @@ impl Occupancy {
     }
 
     /// Creates the grid of an unbounded scene. A cell is occupied if two cameras at least `apart` world units apart see
-    /// it, unless it is too near to a camera or known to be free. `nears`: for each view, the distance from its camera
-    /// within which space is empty, world units. `free`: for each cell, whether it is empty; may be an empty slice.
+    /// it, or if there is one view only, but not if the cell is too near to a camera or free. `nears`: for each view,
+    /// the distance from its camera within which space is empty, world units. `free`: for each cell, whether it is
+    /// free; an empty slice if unknown.
     pub fn seen(
         bounds: SceneBox,
         resolution: u16,
@@ -174,7 +175,7 @@ impl Occupancy {
         Self::of_candidates(bounds, full.live.resolution, cells)
     }
 
-    /// Returns a grid of cells half as wide. Each candidate cell is replaced by the eight cells inside it.
+    /// Returns a grid with cells half as wide, to refine a coarse visual hull. Each candidate cell becomes eight.
     pub fn halved(&self) -> Self {
         let [_, ny, nz] = self.live.resolution.map(u32::from);
         let resolution = self.live.resolution.map(|side| 2 * side);
@@ -193,8 +194,8 @@ impl Occupancy {
         Self { live, candidates, density, refreshes: 0, weighted: Vec::new(), marked_rays: 0 }
     }
 
-    /// Carves the visual hull: the cells that enough views see completely, and that no view shows as background. `None`
-    /// if the photographs do not show what is background.
+    /// Carves the visual hull: keeps the cells that enough views see completely, and that no view shows as background.
+    /// `None` if the photographs do not show what is background. `resolution`: number of cells along the longest side.
     pub fn carve(bounds: SceneBox, resolution: u16, views: &[View], background: Background) -> Option<Self> {
         let silhouettes: Option<Vec<Silhouette>> =
             views.par_iter().map(|view| Silhouette::of(view, background)).collect();
@@ -221,7 +222,7 @@ impl Occupancy {
         Some(Self::of_candidates(bounds, full.live.resolution, kept))
     }
 
-    /// Returns the bounding box of the candidate cells, with a margin of one cell; `None` without candidates.
+    /// Returns a scene box around the candidate cells, with a margin of one cell; `None` without candidates.
     pub fn tight_box(&self) -> Option<SceneBox> {
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for &cell in &self.candidates {
@@ -304,8 +305,8 @@ impl Occupancy {
         self.settle_to(ask, threshold, SMALLEST_SHARE);
     }
 
-    /// Returns the occupancy grid of a finished network, with `resolution` cells along the longest side, evaluated as
-    /// in [`Self::settle`]. Unlike `settle`, uses the result even if hardly any cell stays occupied.
+    /// Returns the occupancy grid of a finished network, with `resolution` cells along the longest side. Works like
+    /// [`Self::settle`] with `threshold`, but uses the result even if hardly any cell stays occupied.
     pub fn asked(bounds: SceneBox, resolution: u16, ask: &DensityQuery<'_>, threshold: f32) -> Self {
         let mut occupancy = Self::full(bounds, resolution);
         occupancy.settle_to(ask, threshold, 0.0);
@@ -373,7 +374,8 @@ impl Occupancy {
         sigma
     }
 
-    /// Sets occupancy bits from the stored densities, if at least `smallest_share` of the candidates stay occupied.
+    /// Makes candidates occupied whose stored density is above `threshold` (1/world unit) or unknown, and empties all
+    /// others. Changes nothing if less than the fraction `smallest_share` of the candidates would be occupied.
     fn apply(&mut self, threshold: f32, smallest_share: f64) {
         let live = |&density: &f32| density == UNKNOWN || density > threshold;
         let count = self.density.iter().filter(|density| live(density)).count();

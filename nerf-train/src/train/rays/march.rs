@@ -8,7 +8,7 @@ use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples whose cells are tested together.
 const GROUP: usize = 16;
-/// 2^23. If it is added to an f32 from 0 to 2^22, the lowest bits of the sum are the nearest integer.
+/// 2^23. In the sum of this constant and an f32 from 0 to 2^22, the lowest bits are the f32 rounded to an integer.
 const MAGIC: f32 = 8_388_608.0;
 
 /// Number of cells along each side of a block. The march skips empty blocks.
@@ -62,7 +62,7 @@ impl MarchCells {
         Lookup::new(&self.bits, self.resolution, self.resolution.map(f32::from), &self.bounds, ray)
     }
 
-    /// Prepares a lookup of `near`, the blocks' bits, along `ray`. The last block of an axis may extend beyond the box.
+    /// Prepares lookups of `near`, the blocks' bits, at points of `ray`. The last blocks may extend beyond the box.
     fn block_lookup(&self, ray: &Ray) -> Lookup<'_> {
         let sides = self.resolution.map(|side| f32::from(side) / BLOCK_SIDE as f32);
         Lookup::new(&self.near, self.blocks, sides, &self.bounds, ray)
@@ -79,7 +79,8 @@ struct Lookup<'a> {
 }
 
 impl<'a> Lookup<'a> {
-    /// Prepares a lookup of `bits`, one per cell or block, along `ray`. `sides`: cells or blocks per axis, unrounded.
+    /// Prepares lookups of `bits`, one per cell or block, at points of `ray`. `resolution`: cells or blocks per axis,
+    /// rounded up to whole blocks; `sides`: the same before rounding.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {

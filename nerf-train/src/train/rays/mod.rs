@@ -54,7 +54,7 @@ pub struct RayBank<'d> {
 struct Marched {
     rays: Vec<BatchRay>,
     samples: Samples,
-    /// One surface for each ray along a line of sight. These rays come first in the batch.
+    /// Surface that the depth loss expects, for each ray along a line of sight. Rays along lines of sight come first.
     surfaces: Vec<Surface>,
     /// Position of each sample of the rays along lines of sight: 0 at the ray's near end, 1 at its far end, linear in
     /// the position `s` of [`Contraction::distance`].
@@ -139,7 +139,7 @@ impl<'d> RayBank<'d> {
         self.sights.get(scale(bits, self.sights.len() as u64) as usize)
     }
 
-    /// Returns the view and pixel indices of the line of pixels to which ray `index` belongs; `None` if there is none.
+    /// Returns the view and pixel indices of the line of pixels to which ray `index` belongs; `None` without a line.
     fn line(&self, step: u64, index: u64, rays: usize) -> Option<(usize, [usize; LINE])> {
         let first = index - index % LINE as u64;
         let on_lines = rays_on_lines(rays / SIGHT_SHARE, rays);
@@ -191,7 +191,7 @@ impl<'d> RayBank<'d> {
     }
 
     /// Fills `batch` with the `rays` rays of training step `step`. Samples lie in occupied cells, `width` world units
-    /// apart along a ray. In a bounded scene, near and far planes are ignored. Returns the time spent, over threads.
+    /// apart along a ray. In a bounded scene, near and far planes are ignored. Returns the time, summed over threads.
     pub fn fill_marched(
         &self,
         isa: Isa,
@@ -278,7 +278,8 @@ impl<'d> RayBank<'d> {
         })
     }
 
-    /// Adds at most `count` points in empty cells to `batch`, alternately on rays and anywhere in the scene box.
+    /// Adds to `batch` at most `count` points in empty cells, at which the loss penalises density. Points are drawn
+    /// alternately on rays and anywhere in the scene box.
     pub fn fill_empty(&self, batch: &mut Batch, step: u64, count: usize, occupancy: &OccupancyGrid<'_>) {
         let extent = self.bounds.scene_box.max - self.bounds.scene_box.min;
         for try_index in 0..4 * count as u64 {
@@ -351,7 +352,7 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Iterates over rays `range` of a step's `rays` rays. Items: ray index, (view, pixel) indices, ray, batch entry.
+    /// Iterates over rays `range` of a step's `rays` rays. Items: ray index, (view, pixel), ray, entry for a batch.
     fn targets(
         &self,
         step: u64,
@@ -413,7 +414,7 @@ impl<'d> RayBank<'d> {
         (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
     }
 
-    /// Returns the distance of the sample in bin `bin` of ray `index`, world units; at least that of the bin before.
+    /// Returns the distance of the sample in bin `bin` of ray `index`, world units; never below that of an earlier bin.
     fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
         let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
         match self.sampling.jitter {
@@ -429,7 +430,7 @@ impl<'d> RayBank<'d> {
     }
 }
 
-/// Appends `rays` rays to `batch`. Each parallel task calls `march` for `chunk` rays. Returns the tasks' summed time.
+/// Appends `rays` rays to `batch`, found by parallel calls of `march` for `chunk` rays each. Returns their summed time.
 fn marched(
     batch: &mut Batch,
     rays: usize,

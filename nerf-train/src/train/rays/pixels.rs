@@ -11,7 +11,7 @@ const LINE_SHARE: usize = 8;
 /// Divisor of a photograph's longer side. The quotient is the smallest spacing of the pixels of a line.
 const SPACINGS: usize = 60;
 
-/// Returns which of a batch's `rays` rays belong to lines of pixels: one in eight, none of the first `before`.
+/// Returns which of a batch's `rays` rays belong to lines of pixels: one in eight, after the first `before` rays.
 pub(super) fn rays_on_lines(before: usize, rays: usize) -> Range<usize> {
     let first = before.next_multiple_of(LINE);
     first..first + rays / LINE_SHARE / LINE * LINE
@@ -32,7 +32,8 @@ pub(super) fn pixels_on_line((width, height): (u32, u32), pixel: usize, bits: u3
 /// Margin around the foreground, pixels. Only pixels of the foreground and this margin are drawn for batches.
 const FOREGROUND_MARGIN: usize = 4;
 
-/// Returns indices of the unmasked pixels within [`FOREGROUND_MARGIN`] of foreground; `None` for an unknown background.
+/// Returns the unmasked pixels within [`FOREGROUND_MARGIN`] of foreground, as indices among the pixels of all views.
+/// `None` for an unknown background. `starts`: index of each view's first pixel.
 pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Background) -> Option<Vec<u32>> {
     let of_view = |(view, &start): (&View, &u64)| -> Option<Vec<u32>> {
         let (width, height) = view.size();

@@ -13,7 +13,7 @@ pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"
 /// Least optical thickness of occupied cells in the exported grid, over one march step. Training uses lower values in
 /// bounded scenes: the exported grid leaves out thin fog, so that views take a fifth less time at the same PSNR.
 const EXPORTED: f32 = 0.1;
-/// [`EXPORTED`] for photographs that contradict each other. Their field is partly fog, without which PSNR falls by 0.2 dB.
+/// [`EXPORTED`] for photographs that contradict each other. Without the thin fog in such fields, PSNR falls by 0.2 dB.
 const EXPORTED_FOG: f32 = 0.03;
 
 /// The field and occupancy grid of a run at one step, as they would be exported.
@@ -22,7 +22,7 @@ pub struct Candidate {
     pub step: u32,
     /// Network parameters in the order of export, not yet rounded; the average over steps if the run keeps one.
     pub parameters: Vec<f32>,
-    /// Occupancy grid, usually after a last evaluation of all cells.
+    /// Occupancy grid; at the end of a run, after a last update of its cells.
     pub live: OccupiedCells,
     /// Architecture to export if the direction input was removed; `None`: the trained architecture is exported.
     pub architecture: Option<Architecture>,

@@ -57,7 +57,7 @@ pub struct Trainer<'d> {
     engine: Box<dyn Engine>,
     pub(crate) state: State,
     batch: Batch,
-    /// Lines of sight from the training cameras to key points, in an unbounded scene.
+    /// Lines of sight from the training cameras to sparse points; `None` in a bounded scene or without such lines.
     pub(crate) sights: Option<Sights>,
     cells: Option<MarchCells>,
     /// Ray march and batch of the next step, filled during the present step. `None`: the batch is not filled.
@@ -134,7 +134,7 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// Checks the parts of a checkpoint: a valid checksum does not prove that this program wrote the file.
+    /// Fails if a part of a checkpoint does not fit this run. A valid checksum does not prove who wrote the file.
     fn check_parts(&self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         let State { progressed: p, occupancy, photographs, .. } = &checkpoint.state;
         let counted = p.rays.max(p.samples).max(p.evaluated) <= u64::MAX / 2;
@@ -302,8 +302,8 @@ impl<'d> Trainer<'d> {
         }
     }
 
-    /// Returns the step length of the ray march, world units, when the fraction `share` of the budget is used up. `None`
-    /// if rays are divided into a fixed number of bins.
+    /// Returns the step length of the ray march, world units, when the fraction `share` of the budget is used up.
+    /// `None` if rays are divided into a fixed number of bins.
     fn step_width(&self, share: f64) -> Option<f32> {
         let longer = lengthened(share, self.bounds.contraction.is_some());
         self.step_width.filter(|_| self.state.occupancy.is_some()).map(|width| longer * width)
@@ -436,7 +436,7 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Smooths the number of samples per ray. `before`: the smoothed number before this batch; 0 before the first batch.
+/// Updates `before`, the smoothed number of samples per ray (0 at first), by a batch of `rays` rays and `live` samples.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }

@@ -23,7 +23,7 @@ pub(super) struct Reduced<'a> {
 }
 
 struct Point {
-    /// `(index of the first parameter, block)` of each pose and each device that sees the point.
+    /// For each pose and device that sees the point: index of its first parameter, and its [`Block`] with the point.
     blocks: Vec<(usize, Block)>,
     inverse: DMat3,
     right: DVec3,

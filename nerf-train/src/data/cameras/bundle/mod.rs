@@ -24,13 +24,13 @@ const SOFT_PIXELS: f64 = 1.0;
 /// A point is in front of a camera if its depth exceeds this fraction of the camera's distance from the world origin.
 const MIN_DEPTH: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 100;
-/// The adjustment ends when a step lowers the cost by less than this fraction.
+/// The adjustment ends when a step lowers the sum of robust losses by less than this fraction of the sum.
 const SMALLEST_GAIN: f64 = 1e-8;
 const MAX_DAMPING: f64 = 1e8;
 /// Number of iterations in which [`align`] finds the rotation.
 const TURNS: usize = 20;
 
-/// Intrinsics that all photographs of one device share.
+/// Intrinsics that all photographs of a device share: fx in pixels, k1 and k2. `second_order`: whether k2 is adjusted.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Device {
     pub(crate) focal: f64,
@@ -38,7 +38,7 @@ pub(crate) struct Device {
     pub(crate) second_order: bool,
 }
 
-/// Intrinsics of one photograph, which the adjustment leaves unchanged.
+/// Intrinsics of one photograph, which the adjustment leaves unchanged. `principal`: pixels. `tangential`: p1, p2.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Frame {
     pub(crate) principal: DVec2,
@@ -78,7 +78,7 @@ pub(crate) struct Bundle {
     pub(crate) observations: Vec<Observation>,
 }
 
-/// Residual (x, y) of an observation, pixels, and the residual's derivatives by pose, device and point.
+/// Residual (x, y) of an observation, pixels, and derivatives of its x and of its y by pose, device and point.
 struct Jacobian {
     residual: DVec2,
     pose: [[f64; POSE]; 2],
@@ -159,7 +159,7 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Adjusts all variables, then [fits](align) the camera centres to `anchor`. Returns the number of iterations.
+    /// Minimises the loss, then [fits](align) the camera centres to `anchor`. Returns the number of iterations.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();
@@ -186,8 +186,8 @@ impl Bundle {
     }
 }
 
-/// Rotates, scales and shifts cameras and points so that the camera centres best fit `anchor`, one position per camera.
-/// Moves nothing if all camera centres or all positions of `anchor` coincide.
+/// Rotates, scales and shifts cameras and points, which leaves the loss as it is, so that the camera centres best fit
+/// `anchor`, one position per camera. Moves nothing if all camera centres or all positions of `anchor` coincide.
 fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     let centres: Vec<DVec3> = bundle.photographs.iter().map(Photograph::centre).collect();
     let mean = |places: &[DVec3]| places.iter().sum::<DVec3>() / places.len().max(1) as f64;

@@ -242,11 +242,11 @@ struct Points {
     origin: DVec3,
     /// Sparse points that were kept, each with its `POINT3D_ID`.
     kept: Vec<(u64, SparsePoint)>,
-    /// One in this many of the file's points is kept.
+    /// Interval between kept points among the file's points that photographs see: 1, 2, 4, ….
     stride: usize,
     seen: usize,
     unseen: usize,
-    /// Sum of the reprojection errors of all points that photographs see, pixels.
+    /// Sum, over all points that photographs see, of the mean reprojection error that the file states, pixels.
     errors: f64,
 }
 
@@ -266,8 +266,8 @@ impl Points {
         }
     }
 
-    /// Adds a point, if any photograph sees it. `number`: `POINT3D_ID`. `error`: reprojection error, pixels.
-    /// `photographs`: number of photographs that see the point.
+    /// Adds a point, if any photograph sees it. `number`: `POINT3D_ID`. `error`: mean reprojection error, pixels.
+    /// `photographs`: number of photographs that see the point. Fails if `position` is not finite.
     fn push(
         &mut self,
         number: u64,
@@ -391,7 +391,7 @@ impl Reader<'_> {
     }
 }
 
-/// Returns rotation from camera to world, and camera position, in COLMAP's axes; `None` if the numbers give no pose.
+/// Returns the camera-to-world rotation and camera position, in COLMAP's axes; `None` if the numbers give no pose.
 fn c2w(image: &Registered) -> Option<(DMat3, DVec3)> {
     let [w, x, y, z] = image.rotation;
     let rotation = DQuat::from_xyzw(x, y, z, w);

@@ -89,7 +89,7 @@ impl Lines {
         Ok(numbers)
     }
 
-    /// Returns an error if `found`, the number of items, is 0 or differs from the number that a comment states.
+    /// Fails if `found`, the number of items read, is 0 or differs from the number that the file's comment states.
     fn check(&self, found: u64) -> Result<(), DatasetError> {
         match self.announced {
             Some(announced) if announced != found => {
@@ -168,7 +168,7 @@ fn images(file: &Path) -> Result<Vec<Registered>, DatasetError> {
     Ok(images)
 }
 
-/// Parses a photograph's second line: x, y and `POINT3D_ID` of each key point. Returns the triangulated key points.
+/// Parses a photograph's second line: x, y (pixels) and `POINT3D_ID` of each key point; keeps triangulated key points.
 fn key_points(lines: &Lines, line: &str) -> Result<Vec<([f64; 2], u64)>, DatasetError> {
     let (mut words, mut found) = (line.split_whitespace().peekable(), Vec::new());
     while words.peek().is_some() {

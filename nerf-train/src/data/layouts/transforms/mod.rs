@@ -74,7 +74,7 @@ struct CameraFields {
 /// Values of `camera_model` that select polynomial distortion, or fisheye distortion if the field `is_fisheye` is true.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Shift of the farthest corner, pixels, up to which a polynomial lens's k4 is dropped; a larger shift is an error.
+/// A polynomial lens's k4 is dropped if it shifts the farthest corner by at most this, pixels; else it is an error.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -95,7 +95,7 @@ impl Transforms {
         self.frames.len()
     }
 
-    /// Returns the positions of the cameras; frames whose matrix lacks rows or columns are left out.
+    /// Returns the cameras' positions, to choose an origin; leaves out frames whose matrix lacks rows or columns.
     pub(crate) fn positions(&self) -> impl Iterator<Item = [f64; 3]> {
         self.frames.iter().filter_map(|(frame, _)| match frame.transform_matrix.as_slice() {
             [x, y, z, ..] => Some([*x.get(3)?, *y.get(3)?, *z.get(3)?]),
@@ -248,7 +248,7 @@ struct Folder<'a> {
 }
 
 impl CameraFields {
-    /// Returns the fields of `self`; fields that are missing there are taken from `shared`.
+    /// Returns `self`, the fields of a frame, with missing fields taken from `shared`, the fields of the whole file.
     fn over(&self, shared: &Self) -> Self {
         macro_rules! first {
             ($($field:ident)*) => { Self { $($field: Clone::clone(&self.$field).or(Clone::clone(&shared.$field)),)* } };

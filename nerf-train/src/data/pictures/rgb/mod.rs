@@ -85,7 +85,7 @@ impl Picture {
         self.enlarged(pixels.div_ceil(self.width.max(self.height).max(1)))
     }
 
-    /// [Reduces](Self::box_filtered) by the smallest whole factor that makes the longer side at most `pixels`.
+    /// [Reduces](Self::box_filtered) the picture by the smallest whole factor after which no side exceeds `pixels`.
     pub fn reduced_to(&self, pixels: usize) -> Self {
         let factor = self.width.max(self.height).div_ceil(pixels.max(1));
         if factor <= 1 {

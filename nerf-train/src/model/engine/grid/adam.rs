@@ -107,7 +107,7 @@ fn reciprocal_root(x: f32) -> f32 {
     y * (1.5 - half * y * y)
 }
 
-/// Updates one value and its moments, without a branch, so that the loop around it vectorises.
+/// Applies Adam to a value and its moments `m`, `v` if gradient `g` is not 0. Without a branch: loops vectorise.
 #[inline(always)]
 fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     let new_m = step.beta1 * *m + (1.0 - step.beta1) * g;

@@ -11,7 +11,7 @@ use nerf_core::network::EXPONENTIAL_LIMIT;
 use std::ops::Range;
 use std::time::Instant;
 
-/// Largest number of samples of each ray that are evaluated at once, in a wave. Then, rays of low transmittance end.
+/// Largest number of samples of a ray in one wave of evaluations. After each wave, rays of low transmittance end.
 const WAVE: usize = 8;
 
 /// State of one ray of the current chunk while its samples are evaluated.
@@ -121,7 +121,7 @@ impl Evaluated {
         }
     }
 
-    /// Resets the states of `rays` to no evaluated samples. Returns the index in the batch after the rays' samples.
+    /// Resets the states of `rays`, whose samples begin at index `first` of the batch. Returns the index after them.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();

@@ -1,10 +1,10 @@
-//! Choice of the samples that the reference engine trains: the rule of [`super::samples`] in the simplest code.
+//! Choice of the samples that get gradients in the reference engine, by the rule of [`super::samples`].
 
 use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Kept samples, ray after ray, and the transmittance through all others. Only kept samples get colour and gradients.
+/// Kept samples, which get colour and gradients, ray after ray, and the transmittance through all other samples.
 pub(super) struct KeptSamples {
     /// Index in the batch of each kept sample.
     pub samples: Vec<usize>,
@@ -56,7 +56,7 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// Returns each kept sample's distance from the ray's first kept sample, along the polyline through `positions`.
+    /// Returns each kept sample's distance from the ray's first kept sample, along the polyline of kept `positions`.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

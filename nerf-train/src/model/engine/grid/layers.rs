@@ -1,7 +1,7 @@
 //! The dense layers of a grid field: `Y = act(X Wᵀ)`. Inputs `X` and outputs `Y` are `[samples][channels]`.
 //!
 //! Only the density head has a bias, which is not trained. The colour branch needs none, as the spherical harmonics
-//! include a constant. A hidden layer on learned features needs none either (as in tiny-cuda-nn).
+//! include a constant. A hidden layer on learned features needs no bias either (as in tiny-cuda-nn).
 
 use crate::model::engine::graph::padded;
 use crate::model::engine::{Dense, Model, Part};
@@ -36,7 +36,8 @@ impl Product {
         }
     }
 
-    /// Computes `y = act(init + x Wᵀ)`, with a ReLU if `relu`. `x`: `[rows][x_row]`; `y`: `[rows][padded outputs]`.
+    /// Computes `y = act(init + x Wᵀ)`, `[rows][padded outputs]`. `act`: ReLU if `relu`, else the identity; `init`: 0
+    /// or the old `y`; `x`: `[rows][x_row]`.
     #[allow(clippy::too_many_arguments, reason = "a product's")]
     pub fn forward(
         &self,
@@ -53,7 +54,8 @@ impl Product {
         gemm(isa, g, x, &self.forward, y, init, relu);
     }
 
-    /// Computes the inputs' gradient `dx = init + dy W`. `dy`: `[rows][padded outputs]`, `dx`: `[rows][padded inputs]`.
+    /// Computes the inputs' gradient `dx = init + dy W`, `[rows][padded inputs]`. `dy`: the outputs' gradient,
+    /// `[rows][padded outputs]`; `init`: 0 or the old `dx`.
     pub fn backward(&self, isa: Isa, rows: usize, dy: &[f32], dx: &mut [f32], init: Init<'_>) {
         let n = padded(self.inputs);
         let g =

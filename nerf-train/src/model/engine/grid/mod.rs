@@ -23,7 +23,7 @@
 //! added to accumulator `i mod 16`, and one thread sums a level of the tables, accumulator after accumulator.
 //!
 //! # Source
-//! Müller et al. 2022 (instant-ngp); deviation: samples are evaluated eight per ray at a time, and only the kept ones
+//! Müller et al. 2022 (instant-ngp); deviation: samples are evaluated eight per ray at a time, and only kept samples
 //! are trained. This was measured to be faster on a CPU.
 
 mod adam;
@@ -67,13 +67,13 @@ use std::sync::{Mutex, MutexGuard};
 const ACCUMULATORS: usize = 16;
 /// Largest number of rays of a chunk. All activations of their samples then fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Smallest number of chunks of a batch, so that every thread has work; chunks have at least `FEWEST_RAYS` rays.
+/// Smallest number of chunks of a batch, as far as `FEWEST_RAYS` rays a chunk allow; every thread then has work.
 const FEWEST_CHUNKS: usize = 6;
 const FEWEST_RAYS: usize = 8;
 /// Number of rays of a chunk of a 2D field, whose rays have one sample.
 const CHUNK_PIXELS: usize = 512;
 
-/// Trains a grid field; the result of a step is bit-identical for any number of threads.
+/// Engine that trains a grid field. The result of a step is bit-identical for any number of threads.
 pub struct GridEngine {
     model: Model,
     grid: GridEncoding,
@@ -95,6 +95,7 @@ pub struct GridEngine {
 
 impl GridEngine {
     /// Creates an engine with the initial parameters of `seed`. `bounds`: box of the grid; a 2D field uses its x and y.
+    /// Fails if the model is invalid or has no grid, or if the grid engines cannot train it.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         let parameters = model.initial_parameters(seed);
@@ -139,7 +140,7 @@ impl GridEngine {
         self.isa = isa;
     }
 
-    /// Returns the loss of a batch that [`Batch::check`] accepted; writes gradients to `gradient` and `passes`.
+    /// Returns the loss of a valid batch ([`Batch::check`]); sets `gradient` and `passes`. Fails if training diverged.
     fn differentiate(&mut self, batch: &Batch) -> Result<StepLoss, EngineError> {
         self.layers.load(&self.state.parameters[..self.layers.parameters()]);
         let tables = GridTables::new(TableValues::F16(&self.halves), Some(&self.bounds));
@@ -197,7 +198,7 @@ fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
-/// Returns, for each of `views` photographs, the gradient with respect to its log gain, summed over its rays.
+/// Returns the gradient with respect to the log gain of each of `views` photographs, summed over the photograph's rays.
 fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0f32; 3]; views];
     for (view, gradient) in gains {

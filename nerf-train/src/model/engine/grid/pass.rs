@@ -51,7 +51,7 @@ pub(super) struct Pass {
     pub totals: Totals,
     pub sums: LayerSums,
     pub kept: Kept,
-    /// For each ray with a known photograph: index of the photograph, and gradient with respect to its log gain.
+    /// For each ray with a known photograph: the photograph's index, and dL/d (log gain) for the loss L.
     pub gains: Vec<(u32, [f32; 3])>,
     /// For each ray with a known photograph: index of the ray in the batch, and rendered minus target colour.
     pub errors: Vec<(u32, [f32; 3])>,
@@ -73,7 +73,7 @@ pub(super) struct Scratch {
     by_weight: Vec<f32>,
     /// Distance of each kept sample from the kept sample before it.
     gaps: Vec<f32>,
-    /// Gradient with respect to each kept sample's raw density, in the first column of `[samples][VECTOR]`.
+    /// Gradient of the loss with respect to each kept sample's raw density: first column of `[samples][VECTOR]`.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -150,8 +150,8 @@ impl Scratch {
         }
     }
 
-    /// Returns the weighted sum of squared errors. Sets `by_shown`, `by_transmittance`, and `by_weight` without the
-    /// squared error's part: only the gradients of the distortion, smoothness and depth losses.
+    /// Returns the weighted sum of squared errors of `rays`. Sets `by_shown`, `by_transmittance`. Sets `by_weight` to
+    /// the gradients of distortion, smoothness and depth loss; `backward` adds the squared error's gradient.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         let read = (&self.evaluated, &self.samples);
@@ -187,7 +187,7 @@ impl Scratch {
         squared
     }
 
-    /// Writes the gradient of the distortion loss with respect to each kept sample's compositing weight to `by_weight`.
+    /// Sets `by_weight` to the gradient of the distortion loss with respect to each kept sample's compositing weight.
     fn distort(&mut self, batch: &Batch) {
         let Self { samples, evaluated, by_weight, gaps, .. } = self;
         let kept = samples.len();
@@ -214,6 +214,7 @@ impl Scratch {
     }
 
     /// Does the backward pass from the gradients that `loss` sets. Adds layers' gradients and kept samples to `pass`.
+    /// `first_ray`: index in the batch of the chunk's first ray.
     fn backward(&mut self, job: &Job<'_>, batch: &Batch, first_ray: usize, pass: &mut Pass) {
         let Self { evaluated, samples, shade, by_weight, upper, lower, .. } = self;
         let chunk = Shaded { batch, first_ray, states: &evaluated.rays, samples };
@@ -247,7 +248,7 @@ impl Scratch {
 }
 
 /// Adds dL/dw of the depth loss L of a ray to `by_weight`. Returns dL/dT for the transmittance T after the last sample.
-/// `index`: index of the ray in the batch; `ray`: index of the ray in the chunk.
+/// Returns 0 if the ray has no known surface. `index`: index of the ray in the batch; `ray`: in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,

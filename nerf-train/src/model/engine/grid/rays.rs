@@ -12,7 +12,7 @@ pub(super) struct RayScratch {
     /// Positions of the kept samples, `[3][stride]`. `stride`: number of the samples, padded to whole vectors.
     points: Vec<f32>,
     by_point: Vec<f32>,
-    /// Gradient of the loss with respect to the encoded positions, `[outputs][stride]`.
+    /// Gradient of the loss with respect to the encoded positions, `[outputs][stride]`, with the `stride` of `points`.
     by_encoded: Vec<f32>,
 }
 

@@ -1,8 +1,8 @@
 //! The reference engine of grid fields: table entries are gathered from a dfdx tensor, and dfdx's tape differentiates.
 //!
 //! Loss and gradients of [`GridEngine`](super::GridEngine) by the simplest code. The samples that get gradients are
-//! chosen without a tape; the transmittance through the others is a constant. Differences: the density of every sample
-//! is evaluated, also behind the end of a ray, and pixels clipped at white are treated as all others.
+//! chosen without a tape; the transmittance through all other samples is a constant. Differences: the density of every
+//! sample is evaluated, also behind the end of a ray, and pixels clipped at white are treated as all other pixels.
 
 mod forward;
 mod terms;
@@ -28,7 +28,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 use terms::{distortion, smoothness, surfaces, with_gradient_scaled};
 
-/// Trains a scene's grid with dfdx's tape and Adam: `--engine dfdx`, and the oracle of [`super::GridEngine`] in tests.
+/// Engine that trains a scene's grid by dfdx's tape: `--engine dfdx`; oracle in tests of [`super::GridEngine`].
 pub struct GridReferenceEngine {
     model: Model,
     grid: GridEncoding,
@@ -42,7 +42,7 @@ pub struct GridReferenceEngine {
 
 #[derive(Default)]
 struct OfRays {
-    /// For rays with a gain: index of the photograph, and gradient with respect to the photograph's log gain.
+    /// For each ray with a gain: the photograph's index, and gradient of the loss with respect to its log gain.
     gains: Vec<(u32, [f32; 3])>,
     /// For each ray with a known photograph: index of the ray in the batch, and rendered minus photographed colour.
     errors: Vec<(u32, [f32; 3])>,
@@ -51,9 +51,9 @@ struct OfRays {
 struct Rendered {
     /// Contribution of the rendered rays to the batch's mean squared error.
     mse: f32,
-    /// Contribution of the rendered rays to the loss, with the tape that differentiates it.
+    /// Contribution of the rendered rays to the loss, with the tape of the operations that computed it.
     total: Scalar,
-    /// Gains of the rays, `[rays][3]`. The loss is differentiated with respect to them, too.
+    /// Gains of the rays, `[rays][3]`. The loss is also differentiated with respect to the gains.
     gains: Matrix,
     /// Rendered minus photographed colour, `[rays][3]`.
     errors: Vec<f32>,
@@ -130,7 +130,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// Renders the rays `indices` of the batch, and computes their loss.
+    /// Renders the rays `indices` of the batch from the samples `kept`. Computes the rays' contribution to the loss.
     fn render(
         &self,
         network: &Network,
@@ -204,7 +204,7 @@ impl GridReferenceEngine {
         Ok(Rendered { mse, total: with_tape(total, h.split_tape().1), gains, errors })
     }
 
-    /// Returns the loss of a batch that [`Batch::check`] accepted, and its gradient with respect to each parameter.
+    /// Returns the loss of a valid batch ([`Batch::check`]) and its gradient by parameter. Fails if training diverged.
     fn differentiate(&mut self, batch: &Batch) -> Result<(StepLoss, Vec<f32>), EngineError> {
         let network = forward::network(self)?;
         let (mut chunks, mut loss) = (Vec::new(), StepLoss::default());
@@ -257,7 +257,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// Applies dfdx's Adam to parameters whose gradient is not 0; at gradient 0, parameters and moments do not change.
+    /// Applies dfdx's Adam, update `step`, to the parameters in `range` whose gradient is not 0, and to their moments.
     fn move_values(
         &mut self,
         range: Range<usize>,

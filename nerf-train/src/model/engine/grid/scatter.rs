@@ -16,7 +16,7 @@ const AHEAD: usize = 4;
 /// Prefetch distance in the sum of gradients, in samples.
 const SAMPLES_AHEAD: usize = 8;
 
-/// Kept samples of one accumulator's chunks, with the gradients by which the tables are updated.
+/// Kept samples (the samples that are trained) of one accumulator's chunks, with the gradients that update the tables.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Kept {
     /// Positions of the samples: for each axis, `[samples]`.
@@ -38,7 +38,7 @@ impl Kept {
         self.largest = 0.0;
     }
 
-    /// Appends gradients with respect to encoded positions, `[samples][width]`.
+    /// Appends gradients with respect to encoded positions, `[samples][width]`, and updates `self.largest`.
     pub fn extend(&mut self, isa: Isa, gradients: &[f32]) {
         self.largest = f32::from_bits(isa.run(Largest { gradients }).max(self.largest.to_bits()));
         self.gradients.extend_from_slice(gradients);
@@ -52,8 +52,8 @@ impl Kept {
     }
 }
 
-/// Computes the bits of the largest absolute value. As integers, the bits of absolute values have the same order as the
-/// values; NaN is the largest.
+/// Computes the bits of the largest absolute value of `gradients`. As integers, the bits of absolute values have the
+/// same order as the values; NaN is the largest.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -187,7 +187,7 @@ impl LevelSum {
     }
 }
 
-/// Adds the gradients `rows`, `[samples][width]`, of a block of samples to the gradients of the entries in `entry`.
+/// Adds the gradients `rows`, `[samples][width]`, times interpolation weights, to the gradients of the entries `entry`.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],

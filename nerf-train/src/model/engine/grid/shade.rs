@@ -129,7 +129,7 @@ impl Shade {
         job.isa.run(Sigmoids { x: &mut rgb[..count * VECTOR] });
     }
 
-    /// Returns the composited colour of the chunk's ray `ray`, before gain and background.
+    /// Returns the composited colour of the chunk's ray `ray`, before gain and background; 0 without kept samples.
     pub fn shown(&self, ray: usize, chunk: Shaded<'_>) -> [f32; 3] {
         let (first, end) = chunk.states[ray].kept;
         if first == end {
@@ -152,8 +152,8 @@ impl Shade {
         })
     }
 
-    /// Does the backward pass from `by_shown`, the gradients with respect to the rays' composited colours. Adds dL/dw_i
-    /// to `by_weight` and layer gradients to `sums`. Writes dL/dh_i to `by_features`, `[samples][padded features]`.
+    /// Does the backward pass from `by_shown`, dL/d (composited colour) of each ray. Adds dL/d (compositing weight) to
+    /// `by_weight`, layer gradients to `sums`. Writes dL/d (features) to `by_features`, `[samples][padded features]`.
     pub fn backward(
         &mut self,
         job: &Job<'_>,

@@ -24,18 +24,18 @@ use std::ops::Range;
 
 /// Decay rate of a triple's weight `exp(−EDGE e)` with the colour difference `e`.
 const EDGE: f32 = 20.0;
-/// Residual above which the loss is about linear instead of quadratic.
+/// Residual (in inverse radii of the uncontracted ball) above which the smoothness loss is about linear, not quadratic.
 pub(super) const SOFT: f32 = 0.01;
-/// Smallest distance of a sample, in radii of the uncontracted ball; smaller distances are raised to this distance.
+/// Lower limit of a sample's distance from the camera in [`disparity`], in radii of the uncontracted ball.
 const NEAREST: f32 = 1e-3;
 
-/// Three neighbouring rays on a line.
+/// Three neighbouring rays whose pixels lie on a line. Each triple adds a term to the smoothness loss.
 pub(super) struct Triple {
     /// Index in the batch of the first ray; the other two come directly after it.
     pub first: usize,
     /// Factors `f_k` of the three rays' disparities `D_k` in the residual `r = Σ_k f_k D_k`, which is 0 on a plane.
     pub factors: [f32; 3],
-    /// Weight of the triple in the batch's loss: `exp(−20 e)` · weight of the smoothness loss / number of rays.
+    /// Weight in the batch's loss: exp(−20 · colour difference of the pixels) · smoothness weight / number of rays.
     pub weight: f32,
 }
 

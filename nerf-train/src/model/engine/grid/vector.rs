@@ -4,7 +4,7 @@ use crate::model::engine::graph::VECTOR;
 use nerf_core::math::polynomial::exp;
 use nerf_core::simd::{Lanes, Op};
 
-/// Computes `out[i] = exp(min(x[i] + bias, limit))`; NaN stays NaN. The length must be a multiple of [`VECTOR`].
+/// Computes sigma `out[i] = exp(min(x[i] + bias, limit))`; NaN stays NaN. The length must be a multiple of [`VECTOR`].
 pub(super) struct Exponentials<'a> {
     pub x: &'a [f32],
     pub bias: f32,
@@ -65,7 +65,7 @@ impl Op for Sigmoids<'_> {
     }
 }
 
-/// Backward pass of a ReLU: sets `d[i] = 0` if `h[i]` is not above 0.
+/// Backward pass of a ReLU with outputs `h`: sets the gradient `d[i]` to 0 if `h[i]` is not above 0.
 pub(super) struct Mask<'a> {
     pub d: &'a mut [f32],
     pub h: &'a [f32],

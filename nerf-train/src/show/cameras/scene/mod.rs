@@ -11,7 +11,8 @@ use anyhow::bail;
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Largest total number of samples in the `own_rays` of all cameras. These samples take about a megabyte of the page.
+/// Limit on the total number of samples in the `own_rays` of all cameras: about a megabyte of the page. Each camera
+/// may have four rays even beyond the limit.
 const OWN_SAMPLES: usize = 300_000;
 /// Length of the drawn rays of an unbounded scene, in radii of the inner ball, which is not contracted.
 const SHOWN_RADII: f32 = 2.0;
@@ -73,8 +74,8 @@ pub struct Axes {
 }
 
 impl Scene {
-    /// Creates the scene with the requested cameras, and with the rays that the training step would draw. Their samples
-    /// are tested against the occupancy grid that training starts with.
+    /// Creates the scene with the requested cameras, and with the rays that the training step would draw. The samples
+    /// of the rays are tested against the occupancy grid that training starts with. Fails without the requested views.
     pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> anyhow::Result<Self> {
         let Request { views, split, step, .. } = *request;
         if views.is_empty() {
@@ -156,7 +157,7 @@ impl Scene {
         0.5 * (self.bounds.scene_box.min + self.bounds.scene_box.max)
     }
 
-    /// Returns the direction from the scene to a viewpoint that shows the cameras from the side. `elevation`: degrees.
+    /// Returns the unit vector from the scene to a viewpoint with a side view of the cameras. `elevation`: degrees.
     pub fn towards_viewer(&self, elevation: f32) -> Vec3 {
         let (side, ahead) = self.up.any_orthonormal_pair();
         // Cameras inside an unbounded scene may look outward: behind is then opposite to the viewing direction.
@@ -323,7 +324,7 @@ fn round_length(length: f32) -> f32 {
     fits.unwrap_or(length)
 }
 
-/// Returns a length with at most three decimals.
+/// Formats a length with at most three decimals.
 fn short(value: f32) -> String {
     let text = format!("{value:.3}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()

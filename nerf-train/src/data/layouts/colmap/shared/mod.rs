@@ -15,8 +15,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Intrinsics are shared only in reconstructions of at most this many photographs. The time of the adjustment grows with
-/// the cube of the number: half a minute at this maximum.
+/// Intrinsics are shared only in reconstructions of at most this many photographs. The time of bundle adjustment grows
+/// with the cube of the number of photographs: half a minute at this maximum.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
 const MAX_GROWTH: f64 = 1.25;
@@ -127,7 +127,7 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Prepares the adjustment; `None` if no point is seen in several photographs, or if a lens cannot be adjusted.
+    /// Prepares the adjustment; `None` without points in several photographs, or if a pose or lens cannot be adjusted.
     fn of(
         model: &'a Model,
         points: &Points,
@@ -240,7 +240,7 @@ impl<'a> Task<'a> {
     }
 }
 
-/// Adds to `bundle` the points that several photographs show, with their observations. Returns each `POINT3D_ID`.
+/// Adds to `bundle` the points that several photographs show, and their observations. Returns the `POINT3D_ID`s.
 fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
     let places = points.numbers();
     let mut photographs = vec![(usize::MAX, false); points.kept.len()];
@@ -272,7 +272,7 @@ fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
 }
 
 /// Returns `own` with one camera per device. Focal length and radial distortion are medians over the device's
-/// photographs. The numbers in a photograph's `Frame` are medians over the device's photographs of the same size.
+/// photographs; principal point, fy / fx and tangential distortion over its photographs of the same size.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {

@@ -79,7 +79,7 @@ pub(super) fn trunk<T: Tape<f32, Cpu>>(
     Ok(h)
 }
 
-/// Returns sigma of each sample from the trunk's output `h`, recorded on a new tape.
+/// Returns sigma of each sample from the trunk's output `h`, recorded on a new tape; an error in a 2D field.
 pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Result<Vector<T>, EngineError> {
     let density = network.layers.iter().find(|(d, _)| d.part == Part::Density);
     let (_, weights) = density.ok_or(EngineError::NoDensity)?;
