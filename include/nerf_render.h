@@ -240,9 +240,9 @@ enum nerf_kernel
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * The fastest instruction set of this machine. In a library built with std, the environment variable `NERF_KERNEL`
-     * can name another: "portable", "avx2", "avx512", "simd128" or "neon". With `NERF_STORAGE_AUTO`, the variable also
-     * selects the storage of the weights: f16 or bf16 if "-f16" or "-bf16" follows the name, else f32.
+     * The fastest instruction set of this machine. In a library with the feature `std`, the environment variable
+     * `NERF_KERNEL` can name another: "portable", "avx2", "avx512", "simd128" or "neon". With `NERF_STORAGE_AUTO`, the
+     * variable also selects the storage of the weights: f16 or bf16 if "-f16" or "-bf16" follows the name, else f32.
      */
     NERF_KERNEL_AUTO = 0,
     /**
@@ -340,11 +340,11 @@ enum nerf_maths
      */
     NERF_MATHS_POLYNOMIAL = 0,
     /**
-     * The `libm` crate, one value at a time.
+     * The Rust crate `libm`, one value at a time.
      */
     NERF_MATHS_LIBM = 1,
     /**
-     * The `micromath` crate: small code, low accuracy.
+     * The Rust crate `micromath`: small code, low accuracy.
      */
     NERF_MATHS_MICROMATH = 2,
     /**
@@ -362,7 +362,7 @@ typedef uint32_t nerf_maths;
 #endif // __cplusplus
 
 /**
- * The format of a plane's pixel in memory; 8-bit channels are clamped and rounded half up.
+ * Format of a plane's pixel in memory. An 8-bit channel maps [0, 1] to 0 to 255, clamped and rounded half up.
  *
  * RGB is composited over the background. RGBA is the scene without background: alpha is the opacity, and the colour is
  * premultiplied by alpha. `rgb + (1 - alpha) * background` gives the colour of the RGB format. Values are linear light
@@ -454,7 +454,7 @@ enum nerf_storage
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * f32; but f16 in a library built without vector instructions, such as for microcontrollers.
+     * f32, or f16 in a library built without vector instructions, such as for microcontrollers.
      */
     NERF_STORAGE_AUTO = 0,
     /**
@@ -480,7 +480,7 @@ typedef uint32_t nerf_storage;
 #endif // __cplusplus
 
 /**
- * Format of the tables of a scene's learned grid.
+ * Number format of the feature tables of a scene's learned grid (multiresolution hash grid).
  */
 enum nerf_table_storage
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -825,11 +825,11 @@ typedef struct nerf_camera {
      */
     float k2;
     /**
-     * First coefficient of tangential distortion, as in OpenCV; 0 for none.
+     * First coefficient of tangential distortion, as in OpenCV; 0 for none. Must be 0 for a fisheye.
      */
     float p1;
     /**
-     * Second coefficient of tangential distortion, as in OpenCV; 0 for none.
+     * Second coefficient of tangential distortion, as in OpenCV; 0 for none. Must be 0 for a fisheye.
      */
     float p2;
     /**
@@ -842,15 +842,15 @@ typedef struct nerf_camera {
      */
     float k3;
     /**
-     * Radial distortion: coefficient of r^2 in the denominator; for a fisheye, coefficient of angle^8. 0 for none.
+     * Coefficient of r^2 in the denominator of the radial factor; for a fisheye, coefficient of angle^8. 0 for none.
      */
     float k4;
     /**
-     * Radial distortion: coefficient of r^4 in the denominator; 0 for none. Must be 0 for a fisheye.
+     * Coefficient of r^4 in the denominator of the radial factor; 0 for none. Must be 0 for a fisheye.
      */
     float k5;
     /**
-     * Radial distortion: coefficient of r^6 in the denominator; 0 for none. Must be 0 for a fisheye.
+     * Coefficient of r^6 in the denominator of the radial factor; 0 for none. Must be 0 for a fisheye.
      */
     float k6;
     /**
@@ -1037,8 +1037,8 @@ typedef struct nerf_request {
     /**
      * Scenes that the host has placed in its own world, or NULL. If not NULL, cameras, rays, points and distances are
      * in the host's world. Where instances overlap, densities add, and colours are averaged with the densities as
-     * weights. An unbounded scene must be the last instance. The background is that of the last instance. Only in a
-     * library built with the feature `instances`.
+     * weights. An unbounded scene must be the last instance. The background is that of the last instance. Proposal
+     * networks are not used. Only in a library built with the feature `instances`.
      */
     const struct nerf_instance *instances;
     /**
@@ -1112,7 +1112,7 @@ typedef struct nerf_plane {
 /**
  * The target of a render. `limit_ray_distance` and `limit_z_depth` are inputs; every other plane is an output.
  *
- * An output plane that is NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
+ * An output plane with `data` NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
  * structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
  *
  * A pixel without a surface (opacity 1e-4 or less) gets the distance `far`, the smallest of three: the pixel's limit
@@ -1154,7 +1154,7 @@ typedef struct nerf_target {
      */
     struct nerf_plane normals;
     /**
-     * Input, NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
+     * Input, `data` NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
      * distance to a surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the
      * sample interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
      */
@@ -1195,7 +1195,7 @@ typedef struct nerf_frame {
      */
     const struct nerf_rect *rect;
     /**
-     * Planes that receive the pixels. A plane must be NULL if `nerf_request` did not ask for its output.
+     * Planes for the pixels. A plane's `data` must be NULL if `outputs` of `nerf_request` lacks the plane's flag.
      */
     const struct nerf_target *target;
     /**
@@ -1230,7 +1230,7 @@ typedef struct nerf_counters {
      */
     uint64_t rays;
     /**
-     * Number of samples at which the network was evaluated.
+     * Number of samples at which the scene's network was evaluated.
      */
     uint64_t samples_kept;
     /**
@@ -1302,20 +1302,20 @@ typedef struct nerf_rays {
      */
     struct nerf_floats dirs;
     /**
-     * Distance along each ray at which visibility begins, world units, at least 0; NULL for 0. In a scene with a fixed
-     * step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample interval
-     * begins at `t_min` or where the ray enters the box, whichever is farther: changing `t_min` can move all samples.
-     * In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
+     * Distance along each ray at which visibility begins, world units, at least 0; `data` NULL for 0. In a scene with
+     * a fixed step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample
+     * interval begins at `t_min` or where the ray enters the box, whichever is farther: changing `t_min` can move all
+     * samples. In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
      */
     struct nerf_floats t_min;
     /**
-     * Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; NULL for no
-     * end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
+     * Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; `data` NULL
+     * for no end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
      */
     struct nerf_floats t_max;
     /**
-     * One random number in [0, 1) per ray for `nerf_sample_rays`; NULL for `nerf_render_rays`. A 1, which rounding to
-     * float can produce, is replaced by the largest float below 1.
+     * One random number in [0, 1) per ray for `nerf_sample_rays`; `data` NULL for `nerf_render_rays`. A 1, which
+     * rounding to float can produce, is replaced by the largest float below 1.
      */
     struct nerf_floats random;
     /**
@@ -1325,7 +1325,7 @@ typedef struct nerf_rays {
     const float *axis;
     /**
      * Planes for the results: one row of `count` pixels; `row_stride` is ignored. A ray and its results may be fields
-     * of one structure. The planes `limit_ray_distance` and `limit_z_depth` must be NULL: `t_max` limits each ray.
+     * of one structure. `data` of `limit_ray_distance` and `limit_z_depth` must be NULL: `t_max` ends a ray instead.
      */
     const struct nerf_target *target;
 } nerf_rays;
@@ -1399,7 +1399,7 @@ typedef struct nerf_pace_request {
      */
     float limit_milliseconds;
     /**
-     * Clock, called with `user`; must not use the workspace. NULL for the library's clock (only if built with std).
+     * Clock, called with `user`; must not use the workspace. NULL for the library's clock, which needs feature `std`.
      */
     nerf_clock clock;
     /**
@@ -1459,12 +1459,12 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * Version of the ABI that the library was built with; to be compared with `NERF_ABI_VERSION`.
+ * Returns the version of the ABI that the library was built with, to be compared with `NERF_ABI_VERSION`.
  */
 uint32_t nerf_abi_version(void);
 
 /**
- * Version of the library as text, such as "0.1.0"; the text is static and never freed.
+ * Returns the version of the library as text, such as "0.1.0"; the text is static and never freed.
  */
 const char *nerf_version_text(void);
 
@@ -1494,10 +1494,10 @@ nerf_status nerf_scene_memory(const void *blob,
 /**
  * Opens a scene in the caller's memory; allocates nothing and owns nothing.
  *
- * The scene borrows `blob` (the scene file's bytes) and `memory`: the caller must not move or change `blob` and
- * `memory` while the scene is used. `memory` must have at least the size and alignment from `nerf_scene_memory`.
- * `blob` and `memory` must not overlap each other, `scene` or `message`. `scene` receives the handle on success only;
- * there is nothing to close. `message`: NULL, or a buffer for an error message.
+ * The scene borrows `blob` (the scene file's bytes) and `memory`: the caller must not move or change these while the
+ * scene is used. `memory` must have at least the size and alignment from `nerf_scene_memory` for the same `options`
+ * (NULL for all zeros). `blob` and `memory` must not overlap each other, `scene` or `message`. `scene` receives the
+ * handle on success only; there is nothing to close. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1512,11 +1512,11 @@ nerf_status nerf_scene_open(const void *blob,
                             size_t message_capacity);
 
 /**
- * Opens a scene from a file, in memory that the library owns: `nerf_scene_close` frees it.
+ * Opens a scene from a file, in memory that the library allocates and `nerf_scene_close` frees.
  *
- * For hosts with a heap; only in a library built with `std`. `path`: UTF-8 on Windows, the system's bytes elsewhere,
- * NUL-terminated. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing stays
- * allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
+ * For hosts with a heap; only in a library with the feature `std`. `path`: NUL-terminated; UTF-8 on Windows, the
+ * system's bytes elsewhere. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure
+ * nothing stays allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1530,7 +1530,7 @@ nerf_status nerf_scene_open_file(const char *path,
 /**
  * Frees a scene that `nerf_scene_open_file` opened. Does nothing for NULL and for a scene in the caller's memory.
  *
- * Only in a library built with `std`.
+ * Only in a library with the feature `std`.
  *
  * # Safety
  * `scene` is NULL or the handle of an opened scene that was not closed before, and that no thread uses now or later.
@@ -1554,8 +1554,9 @@ nerf_status nerf_scene_describe(const struct nerf_scene *scene,
  * Places a camera at `eye`, looking at `target`; the direction `up` points upwards in the image.
  *
  * `camera`: the caller sets `struct_size`; the other fields may have any values. The call writes only `c2w`, and only
- * on success. `eye`, `target`, `up`: three floats each, world units; `up` of any length. `NERF_STATUS_CAMERA` if
- * `eye` equals `target`, or `up` is 0 or parallel to the view axis. `message`: NULL, or a buffer for an error message.
+ * on success. `eye`, `target`, `up`: three floats each, world units; `up` may have any length. `message`: NULL, or a
+ * buffer for an error message. Returns `NERF_STATUS_CAMERA` if `eye` equals `target`, if `up` is 0 or parallel to the
+ * view axis, or if a float is not finite.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.
@@ -1574,7 +1575,7 @@ nerf_status nerf_camera_look_at(struct nerf_camera *camera,
  * outside the image. `origin`, `dir`: three floats each, world space; `dir` has unit length and takes account of the
  * lens distortion. `z_per_distance`: NULL, or receives the cosine of the angle between ray and view axis; a distance
  * along the ray times this cosine is the distance along the view axis. Results are written on success only. Returns
- * `NERF_STATUS_CAMERA` if the direction overflows f32, if the distortion has no inverse at the image point, or if the
+ * `NERF_STATUS_CAMERA` if the direction overflows, if the distortion has no inverse at the image point, or if the
  * distorted image folds over itself between principal point and image point. `message`: NULL, or a buffer for an error
  * message.
  *
@@ -1595,7 +1596,7 @@ nerf_status nerf_camera_ray(const struct nerf_camera *camera,
  *
  * The size depends on the scene's network, the outputs, the batch and the number of instances, not on the image size.
  *
- * `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
+ * `size` and `align`, bytes, are written on success only. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
  * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -1655,8 +1656,8 @@ nerf_status nerf_render(struct nerf_worker *worker,
  * 1x1 to 8388608x8388608 shows the whole field. `picture_width` and `picture_height` of `nerf_scene_info` give the
  * field's own aspect ratio. To show a detail, render a rectangle of a large image.
  *
- * `worker`: must be opened for the 2D field. Of the options only `maths`, `batch_rays` and `batch_samples` matter. All
- * planes of the target but `rgb` must be NULL. A 2D field is opaque: alpha is 1. All else is as in `nerf_render`.
+ * `worker`: must be opened for the 2D field. Of the worker's options, only `maths`, `batch_rays` and `batch_samples`
+ * matter. Every plane of the target but `rgb` must have `data` NULL. Alpha is 1. All else is as in `nerf_render`.
  *
  * # Safety
  * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
@@ -1677,7 +1678,7 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
  * visible point. Without jitter, the rays of a camera's pixels give the camera's image, bit for bit. For shadow rays,
  * render the opacity alone, which is less work: the opacity is the same with and without other planes.
  *
- * All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is not NULL, or if a
+ * All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is set, or if a
  * ray has an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0
  * or above `t_max`; the message names the first such ray. Returns `NERF_STATUS_OPTIONS` for anti-aliasing or an
  * aperture, which belong to cameras. `counters`: NULL, or receives counts of the work on success. `message`: NULL, or
@@ -1703,8 +1704,9 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
  *
  * If a ray is sampled often, with uniform random numbers, the means converge to the results of `nerf_render_rays`
  * without cuts. Opacity and colour are averaged over all results, distance and normal over the results with a
- * collision. The mean colour of a scene with deferred shading differs: `nerf_render_rays` evaluates the colour branch
- * once per ray from composited features, `nerf_sample_rays` at the collision's sample alone.
+ * collision; the mean distance agrees to within one sample interval, the mean normal in direction. The mean colour of
+ * a scene with deferred shading differs: `nerf_render_rays` evaluates the colour branch once per ray from composited
+ * features, `nerf_sample_rays` at the collision's sample alone.
  *
  * # Safety
  * Pointers are NULL or point to what `nerf_render_rays` describes. The caller has not freed, moved or overwritten the
@@ -1737,11 +1739,11 @@ nerf_status nerf_query(struct nerf_worker *worker,
 /**
  * Computes the size and alignment of the workspace that `nerf_pace_measure` needs.
  *
- * `size` and `align` are written on success only. `message`: NULL, or a buffer for an error message.
+ * `size` and `align`, bytes, are written on success only. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
- * the scene or its file's bytes.
+ * Each pointer is NULL or points to an object of its type. The memory of `request->scene` and its file's bytes have
+ * not been freed, moved or overwritten.
  */
 nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
                                      size_t *size,
@@ -1761,8 +1763,8 @@ nerf_status nerf_pace_workspace_size(const struct nerf_pace_request *request,
  * `struct_size`. `message`: NULL, or a buffer for an error message.
  *
  * # Safety
- * Pointers are NULL or point to what is described here. The caller has not freed, moved or overwritten the memory of
- * the scene or its file's bytes.
+ * Each pointer is NULL or points to an object of its type. The memory of `request->scene` and its file's bytes have
+ * not been freed, moved or overwritten.
  */
 nerf_status nerf_pace_measure(const struct nerf_pace_request *request,
                               void *workspace,
@@ -1871,8 +1873,8 @@ nerf_status nerf_quality_preset(const struct nerf_scene *scene,
                                 size_t message_capacity);
 
 /**
- * Writes an English report of a worker's frames: which stages are on, and why the other stages are off. If `counters`
- * is not NULL, also reports the work of each stage.
+ * Writes an English report of a worker's frames: which rendering stages run, and why the other stages do not. If
+ * `counters` is not NULL, also reports the work of each stage.
  *
  * The text is for people: its wording may change between versions. If the worker has several instances, the text has
  * one part for each instance.

@@ -1,4 +1,4 @@
-//! Workers: a renderer and a plan with memory, set up once for any number of frames and queries.
+//! Workers: each has a renderer, a plan and working memory, set up once for any number of frames and queries.
 
 use super::frame::Frame;
 use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};

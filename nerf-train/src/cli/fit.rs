@@ -68,7 +68,7 @@ pub struct Fit {
     /// Validation views that --snapshots renders, by index from 0 [default: two views].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train only on group N (from 1) of the groups of photographs that `check` reports if their poses disagree.
+    /// Train only on group N of photographs: if poses disagree, `check` lists consistent groups, numbered from 1.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]

@@ -207,7 +207,7 @@ pub struct SceneSweep {
     /// Samples per ray, a list to compare (networks without a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Steps between updates of a hashed level, whose gradients are summed meanwhile; a list to compare (grids).
+    /// Update each hashed level only every N steps, by its summed gradients; a list to compare (grids).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Seed of the initial weights and of all random choices in training [default: the preset's].

@@ -17,7 +17,7 @@ const VALIDATIONS_AFTER: usize = 2;
 pub struct Stop {
     pub step: u32,
     pub seconds: f64,
-    /// PSNR at this validation, dB: the best of all validations, or within 0.05 dB of the best.
+    /// PSNR at `step`, dB; at most 0.05 dB below the best of all validations.
     pub val_psnr_db: f64,
     pub last_val_psnr_db: f64,
     pub train_psnr_db: f64,

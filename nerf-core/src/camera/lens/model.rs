@@ -1,4 +1,4 @@
-//! The radial-tangential lens model, its inverse, and tests for folds: past a fold, one point shows two directions.
+//! The radial-tangential lens model, its inverse, and tests for folds: past a fold, one image point shows two directions.
 
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};

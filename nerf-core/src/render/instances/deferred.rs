@@ -9,7 +9,7 @@ use core::ops::Range;
 /// of the field's hidden features; 0 without deferred shading.
 #[derive(Clone, Copy, Default)]
 struct Place {
-    /// Index of the field's first value in `Deferred::parts`.
+    /// Index of the field's first value of `h` in `Deferred::parts`.
     h: usize,
     /// Index of the field's first value in `Deferred::sums`.
     sums: usize,

@@ -257,7 +257,7 @@ impl Op for Samples<'_, '_> {
     }
 }
 
-/// Vector loop that composites a block: adds density and features `h` of each column's sample to the column's ray.
+/// Vector loop that composites a block of samples: adds each column's weighted sample to the sums of the column's ray.
 struct Absorb<'a, 'c, M> {
     stride: usize,
     sigma: &'a [f32],

@@ -79,7 +79,7 @@ impl<'w> Density<'w> {
     }
 }
 
-/// Vector loop for unbounded scenes: writes the positions of samples in the network's space to `to`, `[3][stride]`.
+/// Vector loop for unbounded scenes: converts samples' positions to the network's space, into `to`: `[3][stride]`.
 struct Place<'a> {
     spacing: Spacing<'a>,
     stride: usize,

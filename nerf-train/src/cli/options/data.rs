@@ -26,7 +26,8 @@ pub struct DataOptions {
     /// Camera axes: opengl (looks along −Z) or opencv (looks along +Z) [default: by the layout].
     #[arg(long, value_name = "CONVENTION")]
     pub axes: Option<Axes>,
-    /// Near plane, world units along the ray [default: estimated from the data; with a scene file: no limit].
+    /// Near plane, world units along the ray [default: in training, estimated from the data;
+    /// for a trained scene, no limit].
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
     /// Far plane, world units along the ray; in training of an unbounded scene, distance from its centre [default: see
@@ -41,8 +42,8 @@ pub struct DataOptions {
     /// Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics of a COLMAP reconstruction: shared (one set per device, by another bundle adjustment) or own (each
-    /// photograph's, as reconstructed; for a zoom lens) [default: shared; with a scene file: as trained].
+    /// Intrinsics of a COLMAP reconstruction: shared (one set per physical camera, after a new bundle adjustment) or own
+    /// (each photograph's, as reconstructed; for a zoom lens) [default: shared; for a trained scene, as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Allow transforms files to name images outside the data set's folder.

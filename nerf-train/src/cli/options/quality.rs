@@ -35,8 +35,8 @@ pub struct QualityOptions {
     /// recurrence (polynomial; sines of an encoding by angle doubling).
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Part of a ray that is sampled in a scene without a learned grid: own (near to far, as in training) or whole (the
-    /// scene box; for cameras at other distances than in training) [default: whole; own in eval].
+    /// Without a learned grid, the part of a ray to sample: own (the scene's near to far, as in training) or whole (all
+    /// of the scene box; for cameras at other distances than in training) [default: whole; own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }

@@ -64,8 +64,8 @@ impl Folders {
         candidates
     }
 
-    /// Finds the photograph `name`, a path relative to an image folder, in the first folder that has it at the size that
-    /// `downscale` calls for. `size`: size of the photograph before downscaling that the data set states, pixels.
+    /// Finds the photograph `name`, a path relative to an image folder, in the first folder that has it at the size
+    /// that `downscale` calls for. `size`: size of the photograph before downscaling that the data set states, pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));

@@ -53,7 +53,7 @@ pub enum Status {
 pub struct Record {
     pub point: Point,
     pub status: Status,
-    /// Reason why the run diverged or is flat; else empty.
+    /// Reason why the run diverged, or why its pictures count as one flat colour; else empty.
     pub note: String,
     /// PSNR as defined by [`Kind`], dB; `None` if there is no picture.
     pub psnr_db: Option<f64>,

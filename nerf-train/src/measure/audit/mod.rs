@@ -165,7 +165,7 @@ pub fn audit(
 }
 
 /// Renders each view with each of the settings `ways`, `repeats` times. Returns errors and times in the order of
-/// `ways`. The rendering with the first of `ways` is the reference for errors, in place of the exact rendering.
+/// `ways`. Errors are measured against the rendering with the first of `ways`.
 fn measure(
     lab: &Variants<'_>,
     ways: &[Without],

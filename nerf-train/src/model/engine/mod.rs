@@ -98,7 +98,8 @@ use nerf_core::space::SceneBox;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Upper limit of sigma, per world unit, in training without a grid: opaque in a scene of any scale, and no overflow.
+/// Upper limit of sigma, per world unit, in training of networks without a grid: opaque at any scene scale, and finite
+/// in every product.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
 /// Absolute value of a gradient at which training has diverged: the gradient's square, which Adam uses, could overflow.

@@ -16,7 +16,7 @@ pub struct ShownRay {
     /// Position of the camera, world units.
     pub origin: Vec3,
     pub dir: Vec3,
-    /// Distance from the origin at which the ray begins, world units.
+    /// Distance from `origin` at which sampling begins, world units.
     pub near: f32,
     /// Target colour in training, display-encoded.
     pub rgb: [f32; 3],

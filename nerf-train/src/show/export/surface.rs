@@ -142,7 +142,7 @@ struct Place {
     surface: Vec3,
 }
 
-/// Returns the place of each vertex after the move that [`mesh`] describes; `None` for a vertex that is left out.
+/// Returns the position of each vertex after it is moved onto the surface, as in [`mesh`]; `None` if it is left out.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,

@@ -159,7 +159,8 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Minimises the loss, then [fits](align) the camera centres to `anchor`. Returns the number of iterations.
+    /// Minimises the loss, then moves the reconstruction so that its camera centres [fit](align) those in `anchor`.
+    /// Returns the number of iterations.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();

@@ -99,7 +99,7 @@ impl Evaluated {
         phases.lap(Phase::Composite, now);
     }
 
-    /// Evaluates the trunk at the first sample of each ray of a 2D field; this sample hides all samples behind it.
+    /// For a 2D field: evaluates the trunk at each ray's only visible sample, the first one, which is opaque.
     pub fn picture(
         &mut self,
         job: &Job<'_>,

@@ -25,9 +25,9 @@ const SQUARE: f64 = 0.02;
 /// Version of the adjustment, part of the checksum: a new version makes existing files of shared cameras invalid.
 const VERSION: u64 = 1;
 
-/// Merges the cameras (sets of intrinsics) of each device, adjusts the reconstruction, adds a note to `found`, and returns
-/// true. Returns false if no device has several cameras or, with a warning, if these cannot be merged. `file`: named in
-/// errors.
+/// Merges the cameras (sets of intrinsics) of each device, adjusts the reconstruction, adds a note to `found`, and
+/// returns true. Returns false if no device has several cameras or, with a warning, if these cannot be merged. `file`:
+/// named in errors.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
