@@ -96,18 +96,9 @@ pub fn sanitized_program(sanitizer: Sanitizer, language: Language, source: &Path
     let own = std::env::current_exe().expect("a path");
     let target = own.ancestors().nth(3).expect("cargo's target directory").join(runtime);
     let mut command = Command::new("cargo");
-    // Beside this crate, so that the core has the features of the tests that `.ci/run` builds under the sanitizer.
-    command.args([
-        "build",
-        "--offline",
-        "-p",
-        "nerf-render-ffi",
-        "-p",
-        "nerf-tests",
-        "--lib",
-        "--target",
-        host,
-    ]);
+    // With this crate, so that the core has the features of the tests that `.ci/run` builds under the sanitizer.
+    command.args(["build", "--offline", "--lib", "--target", host]);
+    command.args(["-p", "nerf-render-ffi", "-p", "nerf-tests"]);
     command.current_dir(paths::workspace()).env("RUSTC_BOOTSTRAP", "1");
     let allowed = if runtime == "tsan" { " -Cunsafe-allow-abi-mismatch=sanitizer" } else { "" };
     command.env("RUSTFLAGS", format!("-Zsanitizer={name}{allowed}"));

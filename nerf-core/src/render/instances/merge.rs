@@ -183,8 +183,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Starts ray `i`, of pixel `(x, y)`: finds each field's first occupied bin on the ray. `COLLIDE`: whether a photon
-    /// is drawn.
+    /// Starts ray `i`, of pixel `(x, y)`: finds each field's first occupied bin on the ray. `COLLIDE`: whether the
+    /// ray ends at a random collision.
     fn start<const COLLIDE: bool>(&mut self, (x, y): (u32, u32), i: usize, source: &impl RaySource) {
         let (capacity, ray) = (self.world.len(), source.ray(x, y));
         let range = source.range(x, y, &ray);
