@@ -203,6 +203,11 @@ fn every_f16_widens_to_what_half_says() {
     for bits in 0..=u16::MAX {
         let (found, expected) = (f16_at(&bits.to_le_bytes(), 0), ::half::f16::from_bits(bits).to_f32());
         assert!(found.to_bits() == expected.to_bits() || found.is_nan() && expected.is_nan(), "{bits:#06x}");
+        if expected.is_finite() {
+            let (g, mut product) = (Gemm { m: 1, n: 1, k: 1, a_row: 1, a_col: 1, b_row: 1, c_row: 1 }, [0.0]);
+            gemm_f16(Isa::Portable, g, &bits.to_le_bytes(), &[1.0], &mut product, Init::Zero, false);
+            assert_eq!(product[0], expected, "{bits:#06x} as a weight");
+        }
     }
 }
 

@@ -186,7 +186,10 @@ fn a_colour_that_is_no_number_is_black_and_counted_once_a_ray() {
     let mut poisoned = weights.clone();
     poisoned[2 * hidden.bias..][..2].copy_from_slice(&0x7e00u16.to_le_bytes());
     let blob = Blob::open(&file).unwrap().with_weights(&poisoned);
-    let renderer = Renderer::new(blob.clone(), Kernel::IN_PLACE, &mut []).unwrap();
+    // Unpacked: weights that are read in place are finite, as `Blob::open` ensures.
+    let kernel = Kernel::by_name("portable").unwrap();
+    let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
+    let renderer = Renderer::new(blob.clone(), kernel, &mut memory).unwrap();
     let plan = Plan::new(&blob, &Quality::EXACT, Outputs::ALL, Batch::FULL).unwrap();
     let plan = plan.with_background([0.0; 3]).unwrap();
     let found = render(&renderer, &plan, &camera(6, 5));
