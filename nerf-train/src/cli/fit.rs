@@ -201,16 +201,16 @@ impl Fit {
             finest: flags.finest || of_grid("finest"),
             storage: flags.storage || of_grid("storage"),
             occupancy: self.set.names("occupancy.resolution"),
-            steps: self.steps_across.is_some() || self.set.names("sampling.steps_across"),
+            steps: config.sampling.steps_across != config.preset.config().sampling.steps_across
+                || self.steps_across.is_some()
+                || self.set.names("sampling.steps_across"),
         };
         let scene_box = find_box(dataset, &config)?.scene_box;
         let pixels = detail::pixels_across(dataset, &scene_box).filter(|_| hull);
         let mut config = config;
         if let Some(pixels) = pixels {
             config = detail::for_pixels(config, chosen, pixels);
-            if self.max_bytes.is_none() {
-                config = Self::for_length(config, chosen, options)?;
-            }
+            config = self.for_length(config, chosen, options)?;
             if let Some(grid) = &config.network.grid {
                 let steps = config.sampling.steps_across;
                 global
@@ -234,11 +234,19 @@ impl Fit {
     }
 
     /// Returns `config`, adapted to a long run if this run is long. A resumed run is long if its checkpoint has a long
-    /// run's grid; a new run is long if [`detail::is_long`] says so. `chosen`: the user's settings, left unchanged.
-    fn for_length(config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
-        let long = detail::for_long_run(config.clone(), chosen);
-        let is_long = match options.resumed_grid()? {
-            Some(resumed) => resumed == serde_json::to_value(&long.network.grid)?,
+    /// run's settings; a new run is long if [`detail::is_long`] says so. With `--max-bytes`, the limit decides the
+    /// learned grid. `chosen`: the user's settings, left unchanged.
+    fn for_length(&self, config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
+        let mut long = detail::for_long_run(config.clone(), chosen);
+        if self.max_bytes.is_some() {
+            long.network.grid.clone_from(&config.network.grid);
+        }
+        let is_long = match options.resumed_settings()? {
+            Some(resumed) => {
+                resumed["sampling"]["steps_across"] == long.sampling.steps_across
+                    && (self.max_bytes.is_some()
+                        || resumed["network"]["grid"] == serde_json::to_value(&long.network.grid)?)
+            }
             None => detail::is_long(&options.budget),
         };
         Ok(if is_long { long } else { config })

@@ -64,13 +64,11 @@ impl RunOptions {
         }
     }
 
-    /// Returns the settings of the learned grid in the checkpoint from which this run resumes. JSON null if the
-    /// checkpoint has no grid; `None` if the run does not resume.
-    pub fn resumed_grid(&self) -> anyhow::Result<Option<Value>> {
+    /// Returns the settings in the checkpoint from which this run resumes; `None` if the run does not resume.
+    pub fn resumed_settings(&self) -> anyhow::Result<Option<Value>> {
         let Some(path) = self.checkpoint.as_deref().filter(|_| self.resume) else { return Ok(None) };
         // Text that is not JSON is refused later, as settings of another run.
-        let settings: Value = serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default();
-        Ok(Some(settings["network"]["grid"].clone()))
+        Ok(Some(serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default()))
     }
 
     /// If the run resumes, reads the checkpoint and passes it to `restore`. Returns the clock, with the seconds of the

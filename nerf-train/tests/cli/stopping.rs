@@ -117,7 +117,7 @@ fn ctrl_c_leaves_nothing_of_a_film() {
 }
 
 #[test]
-fn a_long_run_has_more_entries_also_when_a_short_one_resumes_it() {
+fn a_long_run_has_more_entries_and_steps_also_when_a_short_one_resumes_it() {
     let folder = Folder::in_memory();
     let (data, file) = (folder.npz("data.npz"), folder.path("a.nerf"));
     let checkpoint = folder.path("a.nerf.checkpoint");
@@ -137,15 +137,16 @@ fn a_long_run_has_more_entries_also_when_a_short_one_resumes_it() {
     };
     // What is set stays, and a limit on bytes decides by itself.
     for (more, expected) in [
-        (["--set", "network.grid.storage=\"f16\""], "2^17 entries a level as f16"),
-        (["--set", "network.grid.log2_entries=16"], "2^16 entries a level as f16"),
-        (["--max-bytes", "2m"], "2^16 entries a level as f16"),
-        (["--threads", "2"], "2^17 entries a level as int8"),
+        (["--set", "network.grid.storage=\"f16\""], "2^17 entries a level as f16, 200 steps"),
+        (["--set", "network.grid.log2_entries=16"], "2^16 entries a level as f16, 200 steps"),
+        (["--steps-across", "150"], "2^17 entries a level as int8, 150 steps"),
+        (["--max-bytes", "2m"], "2^16 entries a level as f16, 200 steps"),
+        (["--threads", "2"], "2^17 entries a level as int8, 200 steps"),
     ] {
         let said = long(&more);
         assert!(said.contains(expected), "{more:?}: {said}");
+        ok(fit(&[&["-q", "--steps", "1", "--resume"][..], &more].concat()));
     }
-    ok(fit(&["-q", "--steps", "1", "--resume"]));
     let entries = || {
         let bytes = std::fs::read(&file).expect("a blob");
         let blob = Blob::open(&bytes).expect("a blob");
