@@ -4,9 +4,10 @@ use super::{Gemm, Init};
 use crate::memory::{at, head, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 
-/// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, where A and biases are little-endian f16 at any alignment, neither
-/// infinite nor NaN. `act` is ReLU if `relu`, else the identity. B and C may have any number `n` of columns: if `n` is no
-/// multiple of [`Isa::columns`], all columns are computed one by one with portable instructions. `c_row` must be >= `n`.
+/// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, where A and biases are finite little-endian f16 at any
+/// alignment. `act` is ReLU if `relu`, else the identity. B and C may have any number `n` of columns: if `n` is no
+/// multiple of [`Isa::columns`], all columns are computed one by one with portable instructions. `c_row` must be
+/// >= `n`.
 ///
 /// # Panics
 /// With debug assertions, if a slice is too short for sizes and strides. Other builds read missing values as 0.
@@ -22,14 +23,14 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
     ::half::f16::from_le_bytes(pair.copied().unwrap_or_default()).to_f32()
 }
 
-/// Converts a little-endian f16, neither infinite nor NaN, to f32 in four instructions: every multiplication of a product
-/// converts a weight. In a floating-point mode that reads subnormal f32 as 0, subnormal f16 are 0, too.
+/// Converts a finite little-endian f16 to f32, with few instructions, since every multiplication of a product converts
+/// a weight. In a floating-point mode that reads subnormal f32 as 0, a subnormal f16 becomes 0, too.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
     /// 2 to the power of the difference of the exponent biases of f32 and f16.
     const SCALE: f32 = f32::from_bits((127 + 127 - 15) << 23);
-    // The sign fills the upper bits. Shifted by the difference of the mantissas' lengths, it also fills the three bits of
-    // the exponent that f16 lacks.
+    // The shift by 13 aligns the mantissas. Sign extension also fills the three upper exponent bits, which the mask
+    // clears.
     let bits = i32::from(i16::from_le_bytes(bytes)) << 13;
     f32::from_bits(bits as u32 & 0x8fff_ffff) * SCALE
 }

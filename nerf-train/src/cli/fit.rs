@@ -234,18 +234,16 @@ impl Fit {
     }
 
     /// Returns `config`, adapted to a long run if this run is long. A resumed run is long if its checkpoint has a long
-    /// run's settings; a new run is long if [`detail::is_long`] says so. With `--max-bytes`, the limit decides the
-    /// learned grid. `chosen`: the user's settings, left unchanged.
+    /// run's settings; a new run is long if [`detail::is_long`] says so. With `--max-bytes`, the learned grid is left
+    /// unchanged: its size follows from that limit. `chosen`: the user's settings, left unchanged.
     fn for_length(&self, config: Config, chosen: Chosen, options: &RunOptions) -> anyhow::Result<Config> {
-        let mut long = detail::for_long_run(config.clone(), chosen);
-        if self.max_bytes.is_some() {
-            long.network.grid.clone_from(&config.network.grid);
-        }
+        let sized = self.max_bytes.is_some();
+        let chosen = Chosen { entries: chosen.entries || sized, ..chosen };
+        let long = detail::for_long_run(config.clone(), chosen);
         let is_long = match options.resumed_settings()? {
             Some(resumed) => {
                 resumed["sampling"]["steps_across"] == long.sampling.steps_across
-                    && (self.max_bytes.is_some()
-                        || resumed["network"]["grid"] == serde_json::to_value(&long.network.grid)?)
+                    && (sized || resumed["network"]["grid"] == serde_json::to_value(&long.network.grid)?)
             }
             None => detail::is_long(&options.budget),
         };

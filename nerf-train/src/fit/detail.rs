@@ -18,8 +18,8 @@
 //! half the entries and 0.7 times the cells give 32.66 dB, no clear gain.
 //!
 //! [`for_long_run`] shortens the march steps to 3/4, and changes the preset's table entries from 2^16 in f16 to 2^17 in
-//! int8. PSNR of these and other entries in dB, on lego at 200², every tenth training photograph held out, two cores,
-//! AVX-512:
+//! int8. PSNR in dB by number of entries and storage, before the march steps were shortened, on lego at 200², every
+//! tenth training photograph held out, two cores, AVX-512:
 //!
 //! | seconds | 2^16 entries, f16 | 2^17, f16 | 2^17, int8 | 2^18, f16 |
 //! | ---: | ---: | ---: | ---: | ---: |
@@ -28,8 +28,8 @@
 //! | 60 | 33.55 | 33.96 | 33.86 | |
 //! | 120 | 33.91 | 34.27 | | 34.46 |
 //!
-//! PSNR in dB by the number of march steps across the scene box, with 2^17 entries in int8. The last column has ten
-//! training photographs held out that are 10 degrees from the nearest other one:
+//! PSNR in dB by the number of march steps across the scene box, with 2^17 entries in int8. In the last column, the
+//! photographs held out are ten whose nearest other photograph is 10 degrees away:
 //!
 //! | march steps | 60 s | 120 s | 120 s, `--max-bytes 1m` | 120 s, 10 degrees |
 //! | ---: | ---: | ---: | ---: | ---: |
@@ -107,9 +107,9 @@ pub fn is_long(budget: &Budget) -> bool {
         && budget.steps.is_none_or(|steps| steps >= LONG_STEPS)
 }
 
-/// Adapts the settings to a long run, which learns more detail. Shortens the march steps to 3/4 of their length. Doubles
-/// the number of entries of each level, and stores them in int8, so that the file is no larger. Entries that differ from
-/// the preset's, and settings that are set in `chosen`, do not change.
+/// Adapts the settings to a long run, which learns more detail. Shortens the march steps to 3/4 of their length.
+/// Doubles the number of entries of each level, and stores them in int8, so that the file is no larger. Entries that
+/// differ from the preset's, and settings that are set in `chosen`, do not change.
 pub fn for_long_run(mut config: Config, chosen: Chosen) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };

@@ -135,7 +135,7 @@ fn a_long_run_has_more_entries_and_steps_also_when_a_short_one_resumes_it() {
         assert_eq!(output.status.code(), Some(130));
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
-    // What is set stays, and a limit on bytes decides by itself.
+    // What is set stays, and the grid follows from a limit on bytes.
     for (more, expected) in [
         (["--set", "network.grid.storage=\"f16\""], "2^17 entries a level as f16, 200 steps"),
         (["--set", "network.grid.log2_entries=16"], "2^16 entries a level as f16, 200 steps"),
