@@ -19,7 +19,7 @@ const NEEDS: &[(&str, &str)] = &[
     ("/dev/full", "devices that are full"),
     ("Embree 3", "rays beside Embree's"),
     ("OpenMP", "rays on OpenMP's threads"),
-    ("a build of each effect", "each effect alone"),
+    ("a build of each effect", "each effect, and unbounded space, alone"),
     ("abidiff", "the C ABI against its baseline"),
     ("abidw", "the C ABI against its baseline"),
     ("arm-none-eabi-gcc", "firmware on an emulated microcontroller"),
