@@ -79,7 +79,7 @@
 #define NERF_OUTPUT_NORMALS 32
 
 /**
- * Result of a call: success, or the reason of the failure. The numbers never change; later versions may add statuses.
+ * Result of a call: success, or the reason for the failure. The numbers never change; later versions may add statuses.
  */
 enum nerf_status
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -95,11 +95,11 @@ enum nerf_status
      */
     NERF_STATUS_NULL_POINTER = 1,
     /**
-     * `struct_size` is smaller than in version 2 of the ABI, or above 4096.
+     * `struct_size` is smaller than the structure is in version 2 of the ABI, or above 4096 bytes.
      */
     NERF_STATUS_STRUCT_SIZE = 2,
     /**
-     * A reserved field is not zero; or a field of a newer header, unknown to this library, is not zero.
+     * A reserved field is not zero, or a field that only a newer header has is not zero.
      */
     NERF_STATUS_RESERVED = 3,
     /**
@@ -107,7 +107,7 @@ enum nerf_status
      */
     NERF_STATUS_ALIGNMENT = 4,
     /**
-     * Memory of the caller is smaller than the required size, which for example `nerf_scene_memory` computes.
+     * Memory lent by the caller is smaller than required. `nerf_scene_memory` and `nerf_worker_size` compute sizes.
      */
     NERF_STATUS_MEMORY = 5,
     /**
@@ -135,8 +135,8 @@ enum nerf_status
      */
     NERF_STATUS_RECT = 11,
     /**
-     * The target has no plane; or a plane has a wrong format or stride, was not requested when the worker was opened,
-     * or is not allowed in this call, with these options or together with another plane.
+     * The target has no plane. Or a plane has a wrong format or stride. Or a plane was not requested when the worker
+     * was opened. Or a plane is not allowed in this call, with these options or together with another plane.
      */
     NERF_STATUS_TARGET = 12,
     /**
@@ -164,7 +164,8 @@ enum nerf_status
      */
     NERF_STATUS_NOT_A_PICTURE = 18,
     /**
-     * The scene has no Pareto front (PSNR against multiply-adds) for this call; `nerf-train study` measures one.
+     * The scene has no Pareto front (PSNR against multiply-adds) with a point that this call can choose or measure.
+     * `nerf-train study` measures a front.
      */
     NERF_STATUS_NO_FRONT = 19,
     /**
@@ -488,7 +489,7 @@ enum nerf_table_storage
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * There is no learned grid.
+     * The scene has no learned grid.
      */
     NERF_TABLE_STORAGE_NONE = 0,
     /**
@@ -544,7 +545,7 @@ typedef uint32_t nerf_tone_map;
 #endif // __cplusplus
 
 /**
- * An opened scene, at the beginning of the memory that it was opened in; borrows the scene file's bytes.
+ * An opened scene. The scene lies at the beginning of its memory and borrows the bytes of the scene file.
  *
  * A scene owns nothing and never changes: threads may share a scene, and there is nothing to close. A scene is valid
  * until the caller reuses the scene's memory or the memory of the file's bytes. (A scene from `nerf_scene_open_file`
@@ -623,8 +624,8 @@ typedef struct nerf_scene_info {
      */
     float box_max[3];
     /**
-     * Distance at which the scene begins on the rays of its training cameras, world units. A good distance of a
-     * host's camera from the middle of the scene box is the mean of `near_distance` and `far_distance`; other
+     * Distance at which the scene begins on the rays of its training cameras, world units. The mean of
+     * `near_distance` and `far_distance` is a good distance between a camera and the middle of the scene box; other
      * distances work, too. (The name is not `near`, which is a macro in Windows headers.)
      */
     float near_distance;
@@ -676,7 +677,7 @@ typedef struct nerf_scene_info {
      */
     uint32_t colour_widths[4];
     /**
-     * Mean PSNR over the validation views, dB; NaN if there were no such views.
+     * Mean PSNR over the validation views, dB; NaN if not measured.
      */
     float psnr_db;
     /**
@@ -713,7 +714,7 @@ typedef struct nerf_scene_info {
      */
     struct nerf_text made_by;
     /**
-     * How the PSNR was measured: views, background, samples.
+     * Description of how the PSNR was measured: views, background, samples.
      */
     struct nerf_text psnr_convention;
     /**
@@ -747,8 +748,8 @@ typedef struct nerf_scene_info {
      */
     uint32_t table_storage;
     /**
-     * Radius of the ball around the centre of an unbounded scene's box, world units; 0 if the scene ends at its box.
-     * All space outside the ball is contracted into the box, a cube whose side is 4 radii.
+     * Radius of a ball around the centre of an unbounded scene's box, world units; 0 if the scene ends at its box.
+     * The box is a cube with sides of 4 radii. All space outside the ball is contracted into the rest of the box.
      */
     float contraction_radius;
     /**
@@ -1000,11 +1001,11 @@ typedef struct nerf_render_options {
      */
     uint32_t ignore_proposal;
     /**
-     * Distance along a ray at which visibility begins, world units, at least 0.
+     * Nearest visible distance along a ray, world units; at least 0.
      */
     float near_distance;
     /**
-     * Distance along a ray at which visibility ends, world units; 0 for no end.
+     * Farthest visible distance along a ray, world units; 0 for no limit.
      */
     float far_distance;
     /**
@@ -1088,7 +1089,7 @@ typedef struct nerf_rect {
  */
 typedef struct nerf_plane {
     /**
-     * Address of the top left pixel of the rendered rectangle; NULL leaves the plane out, at no cost.
+     * Address of the top left pixel of the rendered rectangle; NULL leaves the plane out.
      */
     void *data;
     /**
@@ -1149,14 +1150,14 @@ typedef struct nerf_target {
     struct nerf_plane median_distance;
     /**
      * Normal of the surface: mean of -grad(density)/|grad(density)|, weighted by the sample weights; world space, unit
-     * length. 0 where opacity is 1e-4 or less, or where the directions cancel out. Costs about as much as two more
-     * samples per ray.
+     * length. 0 where opacity is 1e-4 or less, or where the directions cancel out. Normals take about as much work as
+     * two more samples per ray.
      */
     struct nerf_plane normals;
     /**
      * Input, `data` NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
      * distance to a surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the
-     * sample interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
+     * sample interval that contains the limit, so edges are smooth. Samples behind a limit are not evaluated.
      */
     struct nerf_plane limit_ray_distance;
     /**
@@ -1353,13 +1354,13 @@ typedef struct nerf_points {
      */
     struct nerf_floats dirs;
     /**
-     * Receives the density of each point, per world unit, as `NERF_FORMAT_F32`: one row of `count` pixels;
-     * `row_stride` is ignored.
+     * Plane for the density of each point, per world unit, `NERF_FORMAT_F32`: one row of `count` pixels; `row_stride`
+     * is ignored.
      */
     struct nerf_plane sigma;
     /**
-     * Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; `data` may be
-     * NULL.
+     * Plane for the colour of each point, `NERF_FORMAT_RGB_F32`: linear light if `options.effects.linear` is 1, else
+     * display-encoded. `data` may be NULL.
      */
     struct nerf_plane rgb;
 } nerf_points;
@@ -1395,7 +1396,7 @@ typedef struct nerf_pace_request {
      */
     uint32_t outputs;
     /**
-     * Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first that takes longer.
+     * Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first one above it.
      */
     float limit_milliseconds;
     /**
@@ -1444,8 +1445,8 @@ typedef struct nerf_choice {
      */
     float milliseconds;
     /**
-     * 1 if the settings meet the limit of loss, cost or time. 0 if no point of the Pareto front meets the limit; the
-     * point nearest to the limit was chosen then.
+     * 1 if the settings meet the limit of loss, cost or time. 0 if no point of the Pareto front meets the limit; in
+     * this case, the point nearest to the limit was chosen.
      */
     uint32_t within;
 } nerf_choice;
@@ -1469,7 +1470,7 @@ uint32_t nerf_abi_version(void);
 const char *nerf_version_text(void);
 
 /**
- * Returns the meaning of a status, in English. The text is static, and never NULL, even if the number is no status.
+ * Returns the meaning of a status as English text. The text is static and never NULL, even if `status` is unknown.
  */
 const char *nerf_status_text(int32_t status);
 
@@ -1514,9 +1515,9 @@ nerf_status nerf_scene_open(const void *blob,
 /**
  * Opens a scene from a file, in memory that the library allocates and `nerf_scene_close` frees.
  *
- * For hosts with a heap; only in a library with the feature `std`. `path`: NUL-terminated; UTF-8 on Windows, the
- * system's bytes elsewhere. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure
- * nothing stays allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
+ * For hosts with a heap; only in a library with the feature `std`. `path`: NUL-terminated; any bytes on Unix, UTF-8 on
+ * other systems. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing stays
+ * allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
  *
  * # Safety
  * Pointers are NULL or point to what is described here.

@@ -50,7 +50,7 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// Whether a view may refer to the elements of a container passed as C &&. False for a temporary container, which frees
+/// True if a view may refer to the elements of a container passed as C &&. False for a temporary container, which frees
 /// its elements. Wrongly true for a temporary container of const elements, such as a std::initializer_list.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
@@ -138,7 +138,7 @@ public:
     /// Returns the number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Returns the distance, bytes, from a ray's or point's first float to that of the next; 0 for contiguous floats.
+    /// Returns the number of bytes from the first float of a ray or point to that of the next; 0 if contiguous.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
     /// Returns whether the view holds exactly `count` rays or points, without floats left over.
@@ -194,7 +194,7 @@ struct error {
 template <class T>
 class result;
 
-/// Success, or the error that explains the failure.
+/// Result of a call that returns no value: success, or the error that explains the failure.
 template <>
 class [[nodiscard]] result<void> {
 public:
@@ -283,7 +283,7 @@ struct moved {
 };
 
 /// Deleter of a std::unique_ptr: calls `end`. The default `end` does nothing, since lent memory is not freed. Functions
-/// that allocate set an `end` that frees the memory, so a program that calls none of these links no heap functions.
+/// that allocate set an `end` that frees the memory. A program that calls no such function links no heap functions.
 template <class T>
 struct ending {
     void (*end)(T *, std::size_t align) noexcept = [](T *, std::size_t) noexcept {};
@@ -292,10 +292,12 @@ struct ending {
     void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-/// Type of an omitted callback argument. Omitted progress: nothing is called. Omitted clock: the library's own is used.
+/// Type of an omitted callback argument. If `progress` is omitted, nothing is called; if `clock` is omitted, the
+/// library's own clock is used.
 struct none {};
 
-/// A nerf_progress that calls a C++ callable. noexcept: the caller is C. `user`: address of a pointer to the callable.
+/// A nerf_progress that calls a C++ callable; noexcept, since C code calls it. `user`: address of a pointer to the
+/// callable.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -343,7 +345,8 @@ public:
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Makes an object that uses, but never frees, a container's memory. The container must not move during this use.
+    /// Makes an object that refers to a container's memory and never frees the memory. The container must live, and
+    /// must not move, while the memory is used.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -461,7 +464,7 @@ struct camera : detail::sized<nerf_camera> {
     }
 
     /// Places the camera at `eye`, looking at `target`; the direction `up` points upwards in the image. If `eye` equals
-    /// `target`, or if `up` is 0 or along the view, rendering returns NERF_STATUS_CAMERA.
+    /// `target`, or if `up` is 0 or parallel to the view axis, rendering returns NERF_STATUS_CAMERA.
     camera &look_at(vec3 eye, vec3 target, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         if (nerf_camera_look_at(this, &eye.x, &target.x, &up.x, nullptr, 0) != NERF_STATUS_OK) {
             c2w[0] = std::numeric_limits<float>::quiet_NaN();
@@ -493,7 +496,7 @@ struct camera : detail::sized<nerf_camera> {
 };
 
 /// Converts depth `ndc` in normalised device coordinates to a distance along the view axis, for target::limit_z_depth.
-/// Returns infinity at an infinite far plane, and NaN if the matrix has not 16 floats. The projection is as in
+/// Returns infinity at an infinite far plane, and NaN unless the matrix has 16 floats. The projection is as in
 /// camera::from_matrices, with depths in [-1, 1] or [0, 1], reversed or not. OpenGL's buffer holds 0.5 * ndc + 0.5.
 inline float z_depth(float ndc, span<const float> projection_column_major) noexcept {
     if (projection_column_major.size() != 16) {
@@ -566,7 +569,8 @@ public:
         return of;
     }
 
-    /// Returns whether the plane was made from a view; true even for an empty view, which is too short to render into.
+    /// Returns whether the plane was made from a view. True even for an empty view, which has no room for a
+    /// pixel.
     explicit operator bool() const noexcept { return there_; }
 
 private:
@@ -595,7 +599,8 @@ private:
 /// Planes for an image or for its rectangle `window`. A call can render part of a plane. Planes for rays have one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Inputs, at most one of the two: where each pixel's ray ends, world units. nerf::z_depth converts depth buffers.
+    /// Inputs: distances at which each pixel's ray ends, world units. At most one of the two may be set. nerf::z_depth
+    /// converts depth-buffer values.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};

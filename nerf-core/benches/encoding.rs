@@ -1,8 +1,9 @@
-//! Positional encoding: 63 sines and cosines with every maths backend, and learned grids, with every instruction set.
+//! Benchmark of position encodings: 63 encoded values (60 sines and cosines, and the 3 inputs) with every maths
+//! backend, and learned grids with every instruction set.
 //!
-//! The share counts the polynomial's operations on every line, whatever a backend really does: it says
-//! how fast the same encoding is made. A grid's counts the multiply-adds of its interpolation alone; what it costs
-//! is reading tables, so that its lines say ns a sample.
+//! The share of a sinusoidal line counts the operations of the polynomial backend, even if the line's backend executes
+//! other operations. Shares thus compare the speeds at which backends compute the same encoding. The share of a grid
+//! line counts only the multiply-adds of the interpolation. Most of a grid line's time is spent on reading tables.
 
 mod support;
 
@@ -14,10 +15,11 @@ use support::networks::pi;
 use support::{Table, kernels, noise};
 
 const SAMPLES: usize = 4096;
-/// Operations of one interpolated feature: weights of four rows, two ends of x, and between them.
+/// Floating-point operations of one interpolated feature: multiply-adds of four rows at both ends of x, and 3
+/// operations to interpolate between the ends.
 const FLOP_PER_FEATURE: usize = 2 * 4 * 2 + 3;
-/// Operations of one `(sin πu, cos πu)` in `math/polynomial.rs`: reduction 9, polynomials 19, quadrant 4,
-/// and 1 to scale.
+/// Floating-point operations of one `(sin πu, cos πu)` in `math/polynomial.rs`: reduction 9, polynomials 19, quadrant
+/// 4, scaling 1.
 const FLOP_PER_PAIR: usize = 33;
 
 fn main() {
@@ -49,8 +51,8 @@ fn main() {
     }
 }
 
-/// Eight levels of two features from 16 to 320 cells, at random positions: every level of every sample is
-/// somewhere else in the tables.
+/// Measures grids with eight levels of 16 to 320 cells per side and two features per level. Positions are random, so
+/// that samples read unrelated table entries at every level.
 fn grids(table: &mut Table) {
     let unit: Vec<f32> = noise(3 * SAMPLES, 1).iter().map(|x| 0.5 + 0.5 * x).collect();
     let sides = [16u16, 24, 37, 57, 88, 135, 208, 320];

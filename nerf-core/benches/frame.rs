@@ -1,7 +1,8 @@
-//! Whole frames of the seed network, with as many samples a ray as the file says (64), and a file's way to its
-//! first tile.
+//! Benchmark of whole frames, and of the time from opening a file to the first rendered tile. The scene is the seed
+//! network of `support/networks.rs`, with the file's number of samples per ray (64).
 //!
-//! `NERF_BENCH_BLOB=scene.nerf` takes another scene, `NERF_BENCH_SIDE=200` another number of pixels.
+//! Environment variables: `NERF_BENCH_BLOB=scene.nerf` selects another scene, `NERF_BENCH_SIDE=200` another image side
+//! in pixels.
 
 mod support;
 
@@ -14,11 +15,11 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use support::{Table, kernels, networks};
 
-/// Pixels along each side, where nobody says otherwise.
+/// Default side of the image, pixels.
 const SIDE: u32 = 32;
-/// Side of the tiles threads take.
+/// Side of the tiles that are distributed to threads, pixels.
 const TILE: u32 = 16;
-/// The argument with which this program is its own fresh process: a file follows.
+/// Argument with which this program starts itself as a new process; followed by the path of a blob.
 const FIRST_TILE: &str = "--first-tile";
 
 fn main() {
@@ -44,7 +45,8 @@ fn main() {
         for (what, quality) in
             [("dense", Quality::exact(&blob)), ("occupancy grid and cut", Quality::default())]
         {
-            // A dense frame of portable instructions takes minutes and says nothing the kernels do not.
+            // A dense frame with portable instructions takes minutes, and shows nothing that the benchmark of kernels
+            // does not.
             if kernel.isa == Isa::Portable && what == "dense" {
                 continue;
             }
@@ -53,7 +55,8 @@ fn main() {
                 let plural = if threads == 1 { "" } else { "s" };
                 format!("frame {side}×{side}, {what}, {}, {threads} thread{plural}", kernel)
             };
-            // A dense frame takes seconds, and its work has to be known first.
+            // The work is counted by an extra frame, which takes seconds if dense. It is skipped for lines that are not
+            // requested.
             if ![1, 2].into_iter().any(|threads| table.wants(&name(threads))) {
                 continue;
             }
@@ -85,7 +88,8 @@ fn main() {
     std::fs::remove_file(&path).expect("the temporary file");
 }
 
-/// Renders a frame on `threads` threads that take tiles in turn; gives its multiply-adds.
+/// Renders a frame on `threads` threads, each of which takes the next tile when it is free. Returns the number of
+/// multiply-adds.
 fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, side: u32, threads: usize) -> u64 {
     let camera = networks::camera(side);
     let tiles: Vec<Rect> = Rect::full(&camera).tiles(TILE, TILE).collect();
@@ -109,7 +113,7 @@ fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, side: u32, threads: usize) ->
     macs.into_inner().expect("no panic")
 }
 
-/// Opens `file` and renders the 16×16 pixels in the middle of a 200×200 view; gives its multiply-adds.
+/// Opens `file` and renders the 16×16 pixels in the middle of a 200×200 image. Returns the number of multiply-adds.
 fn first_tile(file: &[u8], kernel: Kernel) -> u64 {
     let blob = Blob::open_undecoded(file).expect("a blob");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];

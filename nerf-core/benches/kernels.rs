@@ -1,4 +1,4 @@
-//! Products with fused bias and ReLU with every instruction set, and the trunk they make up.
+//! Benchmark of matrix products with fused bias and ReLU, and of a trunk made of these products, with every kernel.
 
 mod support;
 
@@ -18,13 +18,13 @@ fn main() {
     for kernel in kernels().filter(|kernel| kernel.storage != Storage::F16) {
         for width in WIDTHS {
             for batch in BATCHES {
-                // As the network runs it: blocks of at most 64 samples, `[channel][block]` each.
+                // Blocks of at most 64 samples, each `[channel][block]`, as in the network.
                 let n = batch.min(BLOCK);
                 let g = Gemm { m: width, n, k: width, a_row: width, a_col: 1, b_row: n, c_row: n };
                 let (mut a, bias) = (noise(width * width, 1), noise(width, 2));
                 let mut b = noise(width * batch, 3);
                 if kernel.rounds() {
-                    // As many words as the pairs need, and more.
+                    // At least as many words as the pairs need.
                     a.iter_mut().chain(&mut b).for_each(|x| *x = pair(*x, -*x));
                 }
                 let mut c = vec![0.0; width * batch];
@@ -55,7 +55,8 @@ fn main() {
             }
         }
     }
-    // What a sample costs: encoding, eight layers with bias and ReLU, density head and its activation.
+    // All work of a sample up to its density: encoding, eight layers with bias and ReLU, density head and its
+    // activation.
     let architecture = seed();
     let halves = halves(&architecture);
     for kernel in kernels() {

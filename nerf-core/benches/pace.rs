@@ -1,7 +1,9 @@
-//! Whether a frame takes the time that was asked for: `Pace::measure`, `Pace::within`, and a clock.
+//! Benchmark of [`Pace`]: compares the frame time predicted by `Pace::measure`, for the settings chosen by
+//! `Pace::within`, with the measured frame time.
 //!
-//! `NERF_BENCH_BLOB=scene.nerf` takes a scene whose front a study measured (`nerf-train study -o`),
-//! `NERF_BENCH_SIDE=200` another number of pixels. One thread, AVX-512 or what the machine has.
+//! Environment variables: `NERF_BENCH_BLOB=scene.nerf` selects another scene, with a Pareto front measured by
+//! `nerf-train study -o`; `NERF_BENCH_SIDE=200` selects another image side in pixels. Runs on one thread, with the
+//! fastest kernel of the machine that does not round weights.
 
 mod support;
 
@@ -13,9 +15,9 @@ use std::hint::black_box;
 use std::time::Instant;
 use support::networks;
 
-/// Pixels along each side, where nobody says otherwise.
+/// Default side of the image, pixels.
 const SIDE: u32 = 64;
-/// Frames of which the median counts.
+/// Number of timed frames per point of the Pareto front. The median of their times is printed.
 const FRAMES: usize = 5;
 
 fn main() {
@@ -53,7 +55,7 @@ fn main() {
         if foreseen.is_infinite() {
             continue;
         }
-        // Exactly what the point takes: the dearest that is within.
+        // The limit is exactly the point's predicted time.
         let (chosen, _) = pace.within(&blob, foreseen).expect("a point within its own time");
         let plan = plan.at(&blob, &chosen.quality).expect("a plan");
         let mut frames: Vec<f64> = (0..if smoke { 1 } else { FRAMES })
@@ -73,7 +75,7 @@ fn main() {
     }
 }
 
-/// Milliseconds of a frame.
+/// Renders a frame and returns its time, ms.
 fn frame(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera, workspace: &mut [Line]) -> f64 {
     let mut put = |_: u32, _: u32, pixel: &Pixel| {
         black_box(pixel);

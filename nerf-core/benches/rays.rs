@@ -1,8 +1,9 @@
-//! Rays of a caller's own: what a ray costs in one call of many, in order and not, in calls of sixteen and of one.
-//! Collisions are those of the random number ½.
+//! Benchmark of rays given by the caller: time per ray in one call for all rays, in tile order and shuffled, and in
+//! calls of 256, 16 and 1 rays. Collisions are drawn with the random number ½.
 //!
-//! `NERF_BENCH_BLOB=scene.nerf` takes another scene than the seed network. 16,384 rays of four cameras around it and one inside; every row is the same
-//! rays. A row's ratio is to the first, the rays of each camera in tiles as a frame has them.
+//! All rows render the same 16,384 rays, of four cameras: three around the scene and one inside. The ratio of a row is
+//! its time divided by the time of the first row, which renders the rays tile by tile as a frame does.
+//! `NERF_BENCH_BLOB=scene.nerf` selects another scene than the seed network.
 
 mod support;
 
@@ -14,9 +15,9 @@ use nerf_core::{Batch, Blob, Camera, Intrinsics, Kernel, Lens, Outputs, Plan, Po
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Pixels along each side of a camera's image.
+/// Side of a camera's image, pixels.
 const SIDE: u32 = 64;
-/// How often each row is timed, in turns; the fastest counts.
+/// Number of times that each row is timed; rows take turns. The shortest time is printed.
 const ROUNDS: usize = 15;
 const ROWS: usize = 8;
 
@@ -92,7 +93,7 @@ fn main() {
 
 const OPACITY: Outputs = Outputs { opacity: true, ..Outputs::NONE };
 
-/// The rays of four cameras, one of them in the middle of the scene, tile by tile.
+/// Returns the rays of four cameras, tile by tile. One of the cameras is near the middle of the scene.
 fn rays(blob: &Blob<'_>) -> Vec<RaySegment> {
     let bounds = blob.scene_box().expect("a scene");
     let middle = 0.5 * (bounds.min + bounds.max);

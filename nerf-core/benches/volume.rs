@@ -1,4 +1,4 @@
-//! Volume rendering: densities and colours along rays to pixels.
+//! Benchmark of volume rendering: densities and colours along rays are composited to pixels.
 
 mod support;
 
@@ -8,8 +8,8 @@ use std::hint::black_box;
 use support::{Table, noise};
 
 const RAYS: usize = 256;
-/// Operations a sample takes in `volume.rs`: two exponentials of 17, six compensated sums of 4, ten to
-/// make and use them.
+/// Floating-point operations per composited sample: two exponentials of 17 each, six compensated sums of 4 each, and 10
+/// others.
 const FLOP_PER_SAMPLE: usize = 68;
 
 fn main() {
@@ -19,7 +19,8 @@ fn main() {
         let sigma: Vec<f32> = noise(RAYS * samples, 1).iter().map(|x| x.abs()).collect();
         let rgb: Vec<[f32; 3]> = noise(3 * RAYS * samples, 2).chunks(3).map(|c| [c[0], c[1], c[2]]).collect();
         let flop = (FLOP_PER_SAMPLE * RAYS * samples) as f64;
-        // Against the fastest kernel: one ray is one lane wide whatever the kernel.
+        // Compared with the peak of the fastest kernel, although `composite` computes one ray at a time, in one SIMD
+        // lane.
         let name = format!("composite, {RAYS} rays of {samples} samples");
         table.line(&name, Kernel::detect(), 1, flop, || {
             for (sigma, rgb) in sigma.chunks(samples).zip(rgb.chunks(samples)) {

@@ -1,8 +1,9 @@
-//! Renders a blob without effects, then with each, and prints a checksum of every bit of the pixels.
+//! Renders a blob without effects and then with each single effect or additional output. Prints a checksum of all bits
+//! of the pixels for each image.
 //!
-//! `cargo run -p nerf-core --example checksum -- scene.nerf`. A line is a kernel, the name of the effect, the
-//! checksum, bytes of workspace and the work; or `not built`. `tests/tests/laws/effects_cost.rs` compares the lines of
-//! builds with and without the features.
+//! Usage: `cargo run -p nerf-core --example checksum -- scene.nerf`. A printed line has kernel, name of the effect,
+//! checksum, bytes of workspace and counters of the work; or `not built` if the build lacks the effect.
+//! `tests/tests/laws/effects_cost.rs` compares the lines of builds with and without the features.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -15,7 +16,8 @@ use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 use std::error::Error;
 
-/// What a line is printed for, by the name of its feature.
+/// Returns the images to render: name of the feature under test (`off` for none), and the settings that use the
+/// feature.
 fn cases() -> [(&'static str, Effects, Lens, Outputs); 8] {
     let (none, lens) = (Effects::NONE, Some(ThinLens { aperture_radius: 0.1, focus_distance: 4.0 }));
     let all = Outputs::ALL;
@@ -32,14 +34,15 @@ fn cases() -> [(&'static str, Effects, Lens, Outputs); 8] {
     ]
 }
 
-/// One step of FNV-1a a byte.
+/// Updates the FNV-1a `hash` with the four bytes of `bits`, least significant byte first.
 fn mix(hash: &mut u64, bits: u32) {
     for byte in bits.to_le_bytes() {
         *hash = (*hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3);
     }
 }
 
-/// A line, but for its name.
+/// Renders an image with the given settings. Returns the text of its line after the name: checksum, workspace and work,
+/// or `not built`.
 fn line(
     renderer: &Renderer<'_>,
     effects: Effects,

@@ -1,7 +1,7 @@
 //! Macro that declares the methods of a type whose feature is off in this build, so that code that calls them compiles.
 
-/// Declares, from signatures alone, the methods of a type whose feature is off: an enum without variants. The methods
-/// are never called, since the type has no values.
+/// Declares the methods of an enum without variants, from their signatures alone. The enum replaces a type whose
+/// feature is off. The methods are never called, since the enum has no values.
 macro_rules! absent {
     ($($(#[$about:meta])* $visibility:vis fn $name:ident $(<$V:ident: $Bound:ident>)?(&self $(, $argument:ty)*) -> $result:ty;)+) => {$(
         $(#[$about])*

@@ -1,4 +1,5 @@
-//! Macros: one declares an error enum with its messages, the other returns an error unless a condition holds.
+//! Macros for errors: `errors!` declares an error enum with its messages, and `ensure!` returns an error unless a
+//! condition holds.
 
 /// Declares an error enum, each variant with its message. The message is the text of `Display` and part of the
 /// variant's documentation.

@@ -1,7 +1,7 @@
 #![no_std]
 // Docs link to the module `host`, which is not compiled for targets without an operating system.
 #![cfg_attr(target_os = "none", allow(rustdoc::broken_intra_doc_links))]
-//! Radiance fields in fixed memory: open one small file, render any view of it, allocate nothing.
+//! Rendering of radiance fields in fixed memory: the crate opens one small file and renders any view of the scene.
 //!
 //! Programs with an operating system open a `Scene` (feature `std`, module `host`), which owns its bytes and renders on
 //! all cores. The rest of the crate needs neither `std` nor `alloc`, can read fp16 weights directly from the file's
@@ -40,10 +40,10 @@
 //! | `weights`, `opacity` | a weight is `transmittance · alpha`; the opacity is the sum of the weights, `<= 1` |
 //! | samples | only on the part of a ray inside the scene box, for any camera position |
 //! | samples, scene with a fixed step | at equal steps, from the point where the ray enters the box |
-//! | samples, scene with n bins | one in each bin. The width of a bin is (far − near) / n, and one bin begins at near. The bins cover the ray wherever it is inside the box, also before near and beyond far. With a proposal network, they cover only near to far |
+//! | samples, scene with n bins | one in each bin. The width of a bin is (far − near) / n, and one bin begins at near. The bins cover the ray wherever the ray is inside the box, also before near and beyond far. With a proposal network, with [`Plan::with_own_bins`], or if more than 4096 bins would be needed, the bins cover only near to far |
 //! | samples, unbounded scene | from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
-//! | background distance | the same for all pixels of a camera ([`Plan::far_from`]): far or, if larger, the camera's distance from the farthest corner of the box |
-//! | background distance with a proposal network | far |
+//! | background distance | the same for all pixels of a camera ([`Plan::far_from`]): far or, if larger, the camera's distance from the farthest corner of the box. At most `t_max` of [`Plan::with_range`] |
+//! | background distance, bins only from near to far | far |
 //! | background distance, unbounded scene | far plus the camera's distance from the middle of the inner ball |
 //! | last bin | of finite length; in a scene with a fixed step, the last bin ends where the ray leaves the box |
 //! | colour | display-encoded (sRGB, as the training images were), `[0, 1]`, composited in that space |
@@ -75,7 +75,7 @@
 //! | `train` | no | for trainers and tests: makes the parts of a renderer public (`simd`, `math`, `matrix`, `sampling`, evaluation of networks and encodings), and adds backward kernels |
 //!
 //! The project's own polynomials ([`MathBackend::Polynomial`]) are always built in. An effect or output whose feature
-//! is off has no code in the build; requesting it is an error that names the feature.
+//! is off has no code in the build. A request for this effect or output is an error that names the feature.
 //!
 //! # Example
 //!

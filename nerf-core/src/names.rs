@@ -13,7 +13,7 @@ macro_rules! names {
             /// All variants, in the order of declaration.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
 
-            /// Name of the variant in options and reports.
+            /// Name of the variant in command-line options and reports.
             pub const fn name(self) -> &'static str {
                 match self {
                     $(Self::$variant => $name,)+

@@ -11,13 +11,14 @@ use crate::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use std::vec;
 use std::vec::Vec;
 
-/// A sinusoidal encoding whose outputs are each input `x` itself, then sine and cosine of `2^l · π · x` for each level
-/// `l`.
+/// Makes a sinusoidal encoding of scale π: the outputs are the inputs `x` themselves, then sine and cosine of `2^k π x`
+/// for each level `k`.
 pub const fn pi(inputs: u8, levels: u8) -> SinusoidalEncoding {
     SinusoidalEncoding { inputs, levels, scale: AngleScale::Pi, identity: true }
 }
 
-/// The architecture of a scene network. `trunk`: width of each layer, and whether it is a skip layer.
+/// Makes the architecture of a scene network (with a density head) if `position` has 3 inputs, else of a 2D field.
+/// `trunk`: width of each layer, and whether the layer is a skip layer. `colour`: widths of the colour layers.
 pub fn architecture(
     position: impl Into<PositionEncoding>,
     direction: Option<SinusoidalEncoding>,
@@ -46,7 +47,7 @@ pub fn tolerance(kernel: Kernel, exact: f64) -> f64 {
     if kernel.rounds() { exact.max(1e-2) } else { exact }
 }
 
-/// Comparison of errors in which NaN is the largest.
+/// Comparison of errors that treats NaN as the largest error.
 pub trait Worse: Sized {
     /// Returns the larger of two errors. NaN counts as larger than any number, whereas `max` would drop it.
     fn worse(self, other: Self) -> Self;
@@ -112,7 +113,7 @@ pub const PICTURE: PictureFacts = PictureFacts { width: 30, height: 20 };
 pub const PROVENANCE: Provenance<'static> =
     Provenance { data: "none", made_by: "unit tests", ..Provenance::NONE };
 
-/// A blob body with [`SCENE`]; without proposal network, Pareto front and tables.
+/// Makes a blob body for [`SCENE`], without proposal network, Pareto front and tables.
 pub fn body<'a>(
     architecture: Architecture,
     occupancy: Option<StoredOccupancy<'a>>,
@@ -130,7 +131,7 @@ pub fn body<'a>(
     }
 }
 
-/// A blob body with [`PICTURE`], a 2D field.
+/// Makes a blob body for a 2D field with the image size [`PICTURE`].
 pub fn picture_body(architecture: Architecture, weights: &[u8]) -> Body<'_> {
     Body { content: Content::Picture(PICTURE), ..body(architecture, None, weights) }
 }

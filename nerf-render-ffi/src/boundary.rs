@@ -24,7 +24,7 @@ pub(crate) unsafe trait Versioned: Copy {
 
 /// Implements [`Versioned`]. Example: `versioned!(unsafe Camera, "camera", by_width(116, 120))`. Messages then say
 /// "camera"; the size in ABI version 2 is 116 bytes with 32-bit pointers, 120 with 64-bit pointers.
-/// `unsafe`: the caller ensures `repr(C)`, and fields valid for any bytes: numbers, pointers or optional functions.
+/// `unsafe`: the macro's caller ensures that the type is `repr(C)` and that any bytes are a valid value of each field.
 macro_rules! versioned {
     (unsafe $type:ty, $name:literal, $size:expr) => {
         // SAFETY: the macro's caller promises `repr(C)` and valid bytes; the assertion below checks the first field.
@@ -43,7 +43,7 @@ pub(crate) const fn by_width(bytes_32: usize, bytes_64: usize) -> usize {
     if size_of::<usize>() == 4 { bytes_32 } else { bytes_64 }
 }
 
-/// Caller's buffer of `capacity` bytes for a NUL-terminated text. If `text` is NULL or `capacity` is 0: no buffer.
+/// Caller's buffer of `capacity` bytes for a NUL-terminated text. There is no buffer if `text` is NULL or `capacity` 0.
 #[derive(Clone, Copy)]
 pub(crate) struct Message {
     pub text: *mut c_char,
@@ -53,12 +53,14 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Returns the address range of the first byte, which every call writes, for overlap checks; empty if no buffer.
+    /// Returns the address range of the buffer's first byte, for overlap checks; empty without a buffer. Every call
+    /// writes this byte.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes the text that `say` produces, cut to fit and NUL-terminated. Returns the uncut size with NUL, bytes.
+    /// Writes the text that `say` produces, cut to fit and NUL-terminated. Returns the size of the uncut text with NUL,
+    /// bytes.
     pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
         let there = !self.text.is_null() && self.capacity > 0;
         let room = if there { self.capacity - 1 } else { 0 };
@@ -158,7 +160,8 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Returns the address range of `count` structures of `*first` bytes (a `struct_size`) each; empty if `first` is NULL.
+/// Returns the address range of an array of `count` structures; empty if `first` is NULL. `first` points to the
+/// `struct_size` of the first structure, which is the size of every structure, bytes.
 ///
 /// # Safety
 /// `first` is NULL or points to a structure that [`read_versioned`] has read.
@@ -268,7 +271,8 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a call that writes the size that `body` computes, bytes, to `size`, and the alignment of [`Line`] to `align`.
+/// Runs a C call that computes a memory size. Writes the result of `body` to `size`, and the alignment of [`Line`] to
+/// `align`, in bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

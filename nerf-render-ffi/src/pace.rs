@@ -1,4 +1,4 @@
-//! Measures the time per frame on this host.
+//! Measurement of the time per frame on this host.
 
 use crate::boundary::{Message, Out, by_width, call, call_for_size, read_versioned, versioned};
 use crate::camera::Camera;
@@ -48,7 +48,7 @@ pub struct PaceRequest {
     pub options: *const RenderOptions,
     /// Outputs of the measured frame: `NERF_OUTPUT_*` flags, or-ed.
     pub outputs: u32,
-    /// Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first that takes longer.
+    /// Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first one above it.
     pub limit_milliseconds: f32,
     /// Clock, called with `user`; must not use the workspace. NULL for the library's clock, which needs feature `std`.
     pub clock: Clock,
@@ -152,7 +152,8 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     Ok((request, scene, plan))
 }
 
-/// Returns a function that reads the time, microseconds: from `clock`, or std's clock if `None`; an error without std.
+/// Returns a function that reads the time, microseconds, from `clock` or, if `None`, from std's clock. Without std, a
+/// `clock` of `None` is an error.
 fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
     #[cfg(feature = "std")]
     let start = std::time::Instant::now();

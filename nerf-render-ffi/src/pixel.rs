@@ -127,7 +127,7 @@ impl Channel {
     }
 }
 
-/// Writes to `to` the value of `channel` in `pixel`, in the format `format`. A density is read from `pixel.opacity`.
+/// Writes the value of `channel` in `pixel` to address `to`, in the format `format`. A density is in `pixel.opacity`.
 ///
 /// # Safety
 /// `to` is aligned for `format` and writable for the size of `format`.

@@ -1,4 +1,4 @@
-//! The progress of a render, and its cancellation.
+//! Progress callback of a render, which can also cancel the render.
 
 use core::ffi::c_void;
 

@@ -41,8 +41,8 @@ pub struct Choice {
     pub cost: f32,
     /// Expected milliseconds per frame; NaN unless the settings were chosen by time.
     pub milliseconds: f32,
-    /// 1 if the settings meet the limit of loss, cost or time. 0 if no point of the Pareto front meets the limit; the
-    /// point nearest to the limit was chosen then.
+    /// 1 if the settings meet the limit of loss, cost or time. 0 if no point of the Pareto front meets the limit; in
+    /// this case, the point nearest to the limit was chosen.
     pub within: u32,
 }
 

@@ -30,11 +30,11 @@ pub struct Points {
     /// Direction from the camera to each point, of unit length (squared length within 1e-3 of 1). Not read if
     /// `rgb.data` is NULL.
     pub dirs: Floats,
-    /// Receives the density of each point, per world unit, as `NERF_FORMAT_F32`: one row of `count` pixels;
-    /// `row_stride` is ignored.
+    /// Plane for the density of each point, per world unit, `NERF_FORMAT_F32`: one row of `count` pixels; `row_stride`
+    /// is ignored.
     pub sigma: Plane,
-    /// Receives each point's colour as `NERF_FORMAT_RGB_F32`, linear if `options.effects.linear` is 1; `data` may be
-    /// NULL.
+    /// Plane for the colour of each point, `NERF_FORMAT_RGB_F32`: linear light if `options.effects.linear` is 1, else
+    /// display-encoded. `data` may be NULL.
     pub rgb: Plane,
 }
 

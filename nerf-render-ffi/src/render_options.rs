@@ -95,9 +95,9 @@ pub struct RenderOptions {
     pub normal_blur: f32,
     /// 1: samples are equally spaced even if the scene has a proposal network. 0: the network places the samples.
     pub ignore_proposal: u32,
-    /// Distance along a ray at which visibility begins, world units, at least 0.
+    /// Nearest visible distance along a ray, world units; at least 0.
     pub near_distance: f32,
-    /// Distance along a ray at which visibility ends, world units; 0 for no end.
+    /// Farthest visible distance along a ray, world units; 0 for no limit.
     pub far_distance: f32,
     /// 1: rays are sampled only between the scene's near and far distances, as in training. 0: the rest of the scene
     /// box is sampled, too. No effect if `step` of `nerf_scene_info` is not 0.

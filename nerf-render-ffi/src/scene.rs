@@ -11,7 +11,7 @@ use nerf_core::blob::Blob;
 use nerf_core::memory::{Line, lines_for};
 use nerf_core::render::Renderer;
 
-/// An opened scene, at the beginning of the memory that it was opened in; borrows the scene file's bytes.
+/// An opened scene. The scene lies at the beginning of its memory and borrows the bytes of the scene file.
 ///
 /// A scene owns nothing and never changes: threads may share a scene, and there is nothing to close. A scene is valid
 /// until the caller reuses the scene's memory or the memory of the file's bytes. (A scene from `nerf_scene_open_file`
@@ -63,7 +63,7 @@ pub(crate) fn memory_lines(blob: &Blob<'_>, kernel: Kernel) -> usize {
 /// Parses and checks a scene file. Entropy-coded tables are not yet checked: `nerf_scene_open` decodes and checks them.
 ///
 /// # Safety
-/// `blob` is NULL or points to `blob_size` bytes that stay as they are during `'a`.
+/// `blob` is NULL or points to `blob_size` bytes that do not change during `'a`.
 unsafe fn open_blob<'a>(blob: *const c_void, blob_size: usize) -> Result<Blob<'a>, Failure> {
     Span::of("blob", blob.cast::<u8>(), blob_size)?;
     // SAFETY: `blob` is not NULL, is no longer than a slice may be, and is readable (`# Safety`).

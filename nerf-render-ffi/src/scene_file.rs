@@ -1,4 +1,4 @@
-//! A scene from a file, for hosts with a heap and a file system: the one place where the library allocates.
+//! Opening of a scene from a file, for hosts with a heap and a file system. Only this module allocates memory.
 
 use crate::boundary::{Message, Reason, call, call_with_reason, check_out};
 use crate::failure::Failure;
@@ -95,9 +95,9 @@ impl From<io::Error> for Cause {
 
 /// Opens a scene from a file, in memory that the library allocates and `nerf_scene_close` frees.
 ///
-/// For hosts with a heap; only in a library with the feature `std`. `path`: NUL-terminated; UTF-8 on Windows, the
-/// system's bytes elsewhere. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure
-/// nothing stays allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
+/// For hosts with a heap; only in a library with the feature `std`. `path`: NUL-terminated; any bytes on Unix, UTF-8 on
+/// other systems. `options`: NULL for all zeros. `scene` receives the handle on success only; on failure nothing stays
+/// allocated. `message`: NULL, or a buffer for an error message, which begins with the path.
 ///
 /// # Safety
 /// Pointers are NULL or point to what is described here.

@@ -22,7 +22,7 @@ pub enum Kind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum TableStorage {
-    /// There is no learned grid.
+    /// The scene has no learned grid.
     None = 0,
     /// f16: two bytes per value.
     F16 = 1,
@@ -65,8 +65,8 @@ pub struct SceneInfo {
     pub box_min: [f32; 3],
     /// Corner of the scene box with the largest x, y and z, world units.
     pub box_max: [f32; 3],
-    /// Distance at which the scene begins on the rays of its training cameras, world units. A good distance of a
-    /// host's camera from the middle of the scene box is the mean of `near_distance` and `far_distance`; other
+    /// Distance at which the scene begins on the rays of its training cameras, world units. The mean of
+    /// `near_distance` and `far_distance` is a good distance between a camera and the middle of the scene box; other
     /// distances work, too. (The name is not `near`, which is a macro in Windows headers.)
     pub near_distance: f32,
     /// Distance at which the scene ends on the rays of its training cameras, world units.
@@ -94,7 +94,7 @@ pub struct SceneInfo {
     pub colour_layers: u32,
     /// Number of units in each hidden layer of the colour branch.
     pub colour_widths: [u32; 4],
-    /// Mean PSNR over the validation views, dB; NaN if there were no such views.
+    /// Mean PSNR over the validation views, dB; NaN if not measured.
     pub psnr_db: f32,
     /// Loss of PSNR, dB, caused by the rounding of weights and tables to the file's formats; measured on validation
     /// views. NaN if not measured.
@@ -113,7 +113,7 @@ pub struct SceneInfo {
     pub data: Text,
     /// The program and settings that made the scene.
     pub made_by: Text,
-    /// How the PSNR was measured: views, background, samples.
+    /// Description of how the PSNR was measured: views, background, samples.
     pub psnr_convention: Text,
     /// Width of the image that the 2D field was fitted to, pixels; 0 for a scene.
     pub picture_width: u32,
@@ -131,8 +131,8 @@ pub struct SceneInfo {
     pub step: f32,
     /// Storage of the learned grid's tables: a `nerf_table_storage`.
     pub table_storage: u32,
-    /// Radius of the ball around the centre of an unbounded scene's box, world units; 0 if the scene ends at its box.
-    /// All space outside the ball is contracted into the box, a cube whose side is 4 radii.
+    /// Radius of a ball around the centre of an unbounded scene's box, world units; 0 if the scene ends at its box.
+    /// The box is a cube with sides of 4 radii. All space outside the ball is contracted into the rest of the box.
     pub contraction_radius: f32,
     /// Exponent `p` of the growth of steps outside the ball of `contraction_radius`: 1, 2 or 4; 0 if the scene ends at
     /// its box. Samples are equally spaced in `s`, which is 0 at the ray's point nearest to the ball's centre. The

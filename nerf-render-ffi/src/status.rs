@@ -2,7 +2,7 @@
 
 use core::ffi::{CStr, c_char};
 
-/// Result of a call: success, or the reason of the failure. The numbers never change; later versions may add statuses.
+/// Result of a call: success, or the reason for the failure. The numbers never change; later versions may add statuses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
 pub enum Status {
@@ -10,13 +10,13 @@ pub enum Status {
     Ok = 0,
     /// A required pointer is NULL.
     NullPointer = 1,
-    /// `struct_size` is smaller than in version 2 of the ABI, or above 4096.
+    /// `struct_size` is smaller than the structure is in version 2 of the ABI, or above 4096 bytes.
     StructSize = 2,
-    /// A reserved field is not zero; or a field of a newer header, unknown to this library, is not zero.
+    /// A reserved field is not zero, or a field that only a newer header has is not zero.
     Reserved = 3,
     /// A pointer or stride is not a multiple of its alignment.
     Alignment = 4,
-    /// Memory of the caller is smaller than the required size, which for example `nerf_scene_memory` computes.
+    /// Memory lent by the caller is smaller than required. `nerf_scene_memory` and `nerf_worker_size` compute sizes.
     Memory = 5,
     /// Two ranges of memory overlap, but must not.
     Overlap = 6,
@@ -30,8 +30,8 @@ pub enum Status {
     Camera = 10,
     /// The rectangle is not inside the image.
     Rect = 11,
-    /// The target has no plane; or a plane has a wrong format or stride, was not requested when the worker was opened,
-    /// or is not allowed in this call, with these options or together with another plane.
+    /// The target has no plane. Or a plane has a wrong format or stride. Or a plane was not requested when the worker
+    /// was opened. Or a plane is not allowed in this call, with these options or together with another plane.
     Target = 12,
     /// The scene file contains a 2D field, not a scene: `nerf_render_picture` renders 2D fields.
     NotAScene = 13,
@@ -45,7 +45,8 @@ pub enum Status {
     Panic = 17,
     /// The scene file contains a scene, not a 2D field: `nerf_render` renders scenes.
     NotAPicture = 18,
-    /// The scene has no Pareto front (PSNR against multiply-adds) for this call; `nerf-train study` measures one.
+    /// The scene has no Pareto front (PSNR against multiply-adds) with a point that this call can choose or measure.
+    /// `nerf-train study` measures a front.
     NoFront = 19,
     /// The file cannot be read.
     File = 20,
@@ -127,7 +128,7 @@ texts! {
     BlobContent: c"the blob's content breaks a rule of the format";
 }
 
-/// Returns the meaning of a status, in English. The text is static, and never NULL, even if the number is no status.
+/// Returns the meaning of a status as English text. The text is static and never NULL, even if `status` is unknown.
 #[unsafe(no_mangle)]
 pub extern "C" fn nerf_status_text(status: i32) -> *const c_char {
     let known = Status::ALL.iter().find(|known| **known as i32 == status);

@@ -15,7 +15,7 @@ use nerf_core::volume::Pixel;
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Plane {
-    /// Address of the top left pixel of the rendered rectangle; NULL leaves the plane out, at no cost.
+    /// Address of the top left pixel of the rendered rectangle; NULL leaves the plane out.
     pub data: *mut c_void,
     /// Bytes from a pixel to its right neighbour; 0 for the size of a pixel.
     pub pixel_stride: usize,
@@ -54,12 +54,12 @@ pub struct Target {
     /// above one half, the pixel gets `far` (see `nerf_target`). Needs a `transmittance_cut` of at most 0.5.
     pub median_distance: Plane,
     /// Normal of the surface: mean of -grad(density)/|grad(density)|, weighted by the sample weights; world space, unit
-    /// length. 0 where opacity is 1e-4 or less, or where the directions cancel out. Costs about as much as two more
-    /// samples per ray.
+    /// length. 0 where opacity is 1e-4 or less, or where the directions cancel out. Normals take about as much work as
+    /// two more samples per ray.
     pub normals: Plane,
     /// Input, `data` NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
     /// distance to a surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the
-    /// sample interval that contains the limit, so edges are smooth. Samples behind a limit cost nothing.
+    /// sample interval that contains the limit, so edges are smooth. Samples behind a limit are not evaluated.
     pub limit_ray_distance: Plane,
     /// Input: limits as in `limit_ray_distance`, but measured along the view axis. Only one of the two planes may be
     /// set. A depth buffer's depth `d`, in normalised device coordinates, corresponds to the limit

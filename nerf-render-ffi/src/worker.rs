@@ -63,16 +63,16 @@ pub(crate) struct Member {
 /// the caller reuses the worker's memory or a scene's memory.
 #[repr(align(64))]
 pub struct Worker {
-    /// Set while a call uses `state`. The flag lies outside of the state, since concurrent calls read the flag.
+    /// True while a call uses `state`. The flag lies outside of the state, since concurrent calls read the flag.
     busy: AtomicBool,
     state: UnsafeCell<State>,
 }
 
-/// What a worker renders with: a renderer of radiance fields, or only memory for a 2D field.
+/// Renderer of a worker's scenes, or, for a 2D field, only a workspace.
 #[allow(clippy::large_enum_variant, reason = "one lies in each worker, and nothing here allocates")]
 pub(crate) enum Work {
     Fields(render::Worker<'static>),
-    /// Workspace for rendering a 2D field.
+    /// Workspace for rendering a 2D field; the field's scene has the renderer.
     Picture(&'static mut [Line]),
 }
 
@@ -393,7 +393,7 @@ pub unsafe extern "C" fn nerf_worker_open(
     })
 }
 
-/// The memory that the caller lends to a worker and that is not used yet; begins at `at`.
+/// Unused part of the memory that the caller lends to a worker; begins at `at`.
 struct Lent {
     at: *mut Line,
 }
@@ -415,7 +415,7 @@ impl Lent {
     /// Stores `make(index)` for each `index` below `count` in the next unused lines. Returns the stored values.
     ///
     /// # Safety
-    /// As for [`Lent::lines`]; `count` there is the number of lines that the values take.
+    /// As for [`Lent::lines`], for the number of lines that the values take.
     #[inline(always)]
     unsafe fn values<T>(
         &mut self,

@@ -1,8 +1,9 @@
-//! What small calls cost: single points and single rays of a scene with a grid.
+//! Benchmark of small calls: queries of single points, and renderings of single rays, of a scene with a grid.
 //!
-//! `NERF_BENCH_BLOB=demo.nerf cargo bench -p nerf-train --bench calls` on the file that `demo` writes: nanoseconds a call
-//! on one thread, the least of twenty rounds, by a worker that is made once and by one that each call makes for itself.
-//! The ray is the one through the middle of the demo's first held-out view. On a quiet machine.
+//! `NERF_BENCH_BLOB=demo.nerf cargo bench -p nerf-train --bench calls`, with the file that `demo` writes, prints
+//! nanoseconds per call on one thread: the fastest of twenty rounds. One column is for a worker that is made once, the
+//! other for a new worker in each call. The ray goes through the middle of the demo's first held-out view. Needs an
+//! otherwise idle machine.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -81,7 +82,7 @@ fn main() {
     println!("| the same as a ray | {once:.0} | |");
 }
 
-/// Nanoseconds of a call.
+/// Returns the time of a call, nanoseconds: the mean over [`CALLS`] calls, in the fastest of [`ROUNDS`] rounds.
 fn least(mut call: impl FnMut()) -> f64 {
     let round = |_| {
         let begun = Instant::now();
@@ -91,7 +92,7 @@ fn least(mut call: impl FnMut()) -> f64 {
     (0..ROUNDS).map(round).fold(f64::INFINITY, f64::min)
 }
 
-/// A camera that has the pixel in the middle alone.
+/// Returns a camera whose only pixel is the middle one of `camera`.
 fn middle_of(camera: &Camera) -> Camera {
     let i = camera.intrinsics();
     let (x, y) = ((i.width / 2) as f32, (i.height / 2) as f32);

@@ -1,8 +1,8 @@
-//! What wrong captures look like: the demo's scene before a room, photographed well and then disturbed in one way
-//! each, without gains, refined poses and masks of what moved.
+//! Fits of faulty captures: photographs of the demo's scene in a room, unchanged and with one fault each.
 //!
-//! `cargo bench -p nerf-train --bench disturbed -- FILE.png` fits each for 4,000 steps, prints PSNR of held-out views, and
-//! writes the picture of the guide's "When it goes wrong": one held-out view of each.
+//! `cargo bench -p nerf-train --bench disturbed -- FILE.png` fits each capture for 4,000 steps, and prints the PSNR of
+//! held-out views. Learned gains, pose refinement and the search for moving objects are turned off. The command writes
+//! the picture of the guide's "When it goes wrong": a held-out photograph, and each fit's rendering of it.
 
 use glam::{Quat, Vec3};
 use nerf_core::Kernel;
@@ -22,9 +22,9 @@ use std::path::Path;
 type Disturb = fn(&mut Dataset);
 
 const STEPS: u32 = 4_000;
-/// Half the side of the room that the scene stands in, world units.
+/// Half of the side of the room around the scene, world units.
 const ROOM: f32 = 8.0;
-/// What is disturbed, and how.
+/// Captures to fit: caption, and function that puts the fault into the photographs.
 const WAYS: [(&str, Disturb); 5] = [
     ("as it should be", |_| {}),
     ("fog: no photograph from this side", gap),
@@ -66,7 +66,8 @@ fn main() {
     contact_sheet("", &cells, 3).write_png(Path::new(&file)).expect("FILE.png: written");
 }
 
-/// The demo's views before the walls of a room, without a word of what is background.
+/// Returns the demo's views from cameras at z = 0.2 to 2.4 world units, with the walls of a room as background. The
+/// data set does not say which pixels are background.
 fn photographs() -> Dataset {
     let spec = DemoSpec { train: 120, val: 16, size: 200, ..DemoSpec::default() };
     let mut data = dataset(&spec).expect("a scene");
@@ -88,7 +89,8 @@ fn photographs() -> Dataset {
     data
 }
 
-/// Colour of the room where a ray from inside meets it: tiles on the floor, pictures on plain walls.
+/// Returns the colour of the room at the point where a ray from inside meets it: tiles on the floor, pictures on the
+/// walls.
 fn wall(origin: Vec3, dir: Vec3) -> [f32; 3] {
     let far = (Vec3::splat(ROOM).copysign(dir) - origin) / dir;
     let t = far.min_element();
@@ -110,7 +112,7 @@ fn wall(origin: Vec3, dir: Vec3) -> [f32; 3] {
     }
 }
 
-/// No photograph within 75 degrees of azimuth of the first held-out one.
+/// Removes the training photographs within 75 degrees of azimuth of the first held-out photograph.
 fn gap(data: &mut Dataset) {
     let azimuth = |view: &View| {
         let eye = view.camera.pose().position;
@@ -120,7 +122,7 @@ fn gap(data: &mut Dataset) {
     data.train.retain(|view| azimuth(view).dot(side) < 75f32.to_radians().cos());
 }
 
-/// Each camera turned by 1 degree about an axis of its own, and moved by 1 % of its distance.
+/// Rotates each training camera by 1 degree about a different axis, and moves it by 1 % of its distance to the origin.
 fn poses(data: &mut Dataset) {
     for (i, view) in data.train.iter_mut().enumerate() {
         let [x, y, z] = numbers(i).map(|u| u - 0.5);
@@ -133,7 +135,7 @@ fn poses(data: &mut Dataset) {
     }
 }
 
-/// Something orange in a third of the photographs, each time elsewhere.
+/// Paints an orange rectangle into every third training photograph, each time at a different place.
 fn object(data: &mut Dataset) {
     for (i, view) in data.train.iter_mut().enumerate().filter(|(i, _)| i % 3 == 0) {
         let (width, height) = view.size();
@@ -147,7 +149,7 @@ fn object(data: &mut Dataset) {
     }
 }
 
-/// A gain of 2^-1 to 2^1 on the light of each photograph.
+/// Multiplies the linear light of each training photograph by a gain from 2^-1 to 2^1.
 fn exposure(data: &mut Dataset) {
     for (i, view) in data.train.iter_mut().enumerate() {
         let gain = (2.0 * numbers(i)[0] - 1.0).exp2();
@@ -160,7 +162,7 @@ fn exposure(data: &mut Dataset) {
     }
 }
 
-/// Three numbers from 0 to 1 that are far from those of the views beside (Roberts's sequence).
+/// Returns element `i` of a sequence of points in the unit cube whose neighbours are far apart (Roberts's sequence).
 fn numbers(i: usize) -> [f32; 3] {
     [0.819_172_5, 0.671_043_6, 0.549_700_5].map(|step: f32| (0.2 + step * i as f32).fract())
 }

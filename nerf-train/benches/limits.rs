@@ -1,7 +1,9 @@
-//! Whether `fit --max-seconds S` ends the whole command within S + max(2 s, 5 %): a row a run.
+//! Run times of `fit --max-seconds S`, which should end within S + max(2 s, 5 % of S). Prints one row per run, and
+//! marks runs that take longer.
 //!
-//! `cargo bench -p nerf-train --bench limits [-- S,S,… DATA…]`; without arguments 10, 30 and 120 seconds, of the
-//! built-in scene and of the real data that are there (`$NERF_DATA`, else `../shared/data`). On a quiet machine.
+//! `cargo bench -p nerf-train --bench limits [-- S,S,… DATA…]` fits each DATA with each limit S, seconds.
+//! Default: 10, 30 and 120 seconds, for the built-in scene and the real data in `$NERF_DATA`, or in `../shared/data` if
+//! `$NERF_DATA` is unset. Needs an otherwise idle machine.
 
 #[path = "../tests/cli/made.rs"]
 #[allow(dead_code, reason = "the helpers of the command line's tests")]
@@ -14,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-/// Real data that are tried where they are.
+/// Paths of real data sets in the data folder; missing ones are skipped.
 const REAL: [&str; 3] = ["lego_200x200.npz", "lego_200", "real/fox_ngp"];
 
 fn main() {
@@ -42,7 +44,7 @@ fn main() {
     }
 }
 
-/// One fit with a report, and its row.
+/// Runs one fit with a report, and prints its row.
 fn row(folder: &Folder, data: &Path, limit: f64) {
     let (blob, report) = (folder.path("a.nerf"), folder.path("report"));
     let begun = Instant::now();

@@ -1,11 +1,14 @@
-//! How close an exported mesh is to what is rendered, and to the demo's true shapes.
+//! Accuracy of an exported mesh, compared with renderings and with the demo's true shapes.
 //!
-//! `NERF_BENCH_BLOB=lego.nerf cargo bench -p nerf-train --bench mesh [-- RESOLUTION]` (256). Rays to every vertex are
-//! rendered, by as many samples as there can be, along its normal from 2, 2.25, … 10 cells in front (from further away
-//! they may meet something else before it): counted is the one whose opacity crosses 1/2 nearest to the vertex. Also
-//! the triangles whose normal is against those of their vertices, by area; and of a blob named `demo.nerf` the distance
-//! of its vertices from the analytic shapes, over the diagonal of the scene's box, and the angle of their normals to
-//! those of the shapes.
+//! `NERF_BENCH_BLOB=lego.nerf cargo bench -p nerf-train --bench mesh [-- RESOLUTION]` exports a mesh, and prints the
+//! figures below. Default resolution: 256.
+//!
+//! - Distance, in cells, from each vertex to the point where the opacity of a ray crosses 1/2. Rays run inward along
+//!   the vertex's normal, from 2, 2.25, … 10 cells in front of the vertex; the crossing nearest to the vertex counts.
+//!   Rays from further away may meet another surface first.
+//! - Triangles that face against the normals of their vertices, as a percentage of the mesh's area.
+//! - For a blob named `demo.nerf`: distance of the vertices from the analytic shapes, as a percentage of the diagonal
+//!   of the scene box, and angle between the vertices' normals and those of the shapes.
 
 use glam::Vec3;
 use nerf_core::Kernel;
@@ -19,10 +22,10 @@ use nerf_train::data::demo;
 use nerf_train::show::export::{Field, Lattice, Mesh, Surface, Vertex, mesh};
 use std::time::Instant;
 
-/// Quarters of a cell in front of a vertex from where rays come.
+/// Distances from the starts of a vertex's rays to the vertex, in quarters of a cell.
 const BEFORE: std::ops::RangeInclusive<u32> = 8..=40;
 
-/// Samples a ray: the most there can be, whatever steps the mesh was made with.
+/// Number of samples per ray in the comparison with renderings; the largest number that a plan allows.
 const FINEST: u16 = 4096;
 
 fn main() {
@@ -77,7 +80,7 @@ fn main() {
     }
 }
 
-/// Share of the area whose triangles are turned against the normals of their vertices.
+/// Returns the fraction of the mesh's area in triangles that face against the normals of their vertices.
 fn turned_away(mesh: &Mesh) -> f32 {
     let (mut away, mut all) = (0.0, 0.0);
     for triangle in &mesh.triangles {
@@ -91,14 +94,15 @@ fn turned_away(mesh: &Mesh) -> f32 {
     away / all
 }
 
-/// The gradient of the distance from the demo's shapes.
+/// Returns the unit normal of the demo's shapes at `point`: the normalised gradient of their signed distance.
 fn true_normal(point: Vec3) -> Vec3 {
     let rise =
         |axis: Vec3| demo::signed_distance(point + 4e-3 * axis) - demo::signed_distance(point - 4e-3 * axis);
     Vec3::from(Vec3::AXES.map(rise)).normalize_or_zero()
 }
 
-/// Distance at which the opacity of rays along the vertices' normals crosses 1/2; they start `before` cells in front.
+/// Returns, for each vertex, the distance at which the opacity along the vertex's ray crosses 1/2, world units; `None`
+/// if the opacity stays below 1/2. A ray starts `before` cells in front of its vertex, and runs against the normal.
 fn crossings(worker: &mut Worker<'_>, cell: f32, before: f32, vertices: &[Vertex]) -> Vec<Option<f32>> {
     let ray = |vertex: &Vertex| {
         let (position, normal) = (Vec3::from(vertex.position), Vec3::from(vertex.normal));
@@ -114,7 +118,7 @@ fn crossings(worker: &mut Worker<'_>, cell: f32, before: f32, vertices: &[Vertex
     found
 }
 
-/// Median, 95th percentile and largest.
+/// Sorts `values`, and returns median, 95th percentile and largest value as text; "none" if there are no values.
 fn spread(values: &mut [f32]) -> String {
     values.sort_by(f32::total_cmp);
     let at =

@@ -1,10 +1,15 @@
-//! Ordinary captures: a row of figures for each of a folder's, drawn from the cameras of its held-out photographs.
+//! Fits of ordinary captures. Prints one row of figures per capture, measured on its held-out photographs.
 //!
-//! `NERF_PANEL=shared/data/real cargo bench -p nerf-train --bench panel [-- OPTIONS] [CAPTURE…]`, of the captures named
-//! (all that the list below has and the folder holds). `--steps N` (9,000) or `--seconds S` a capture; `--seed N`;
-//! `--config TOML` gives settings as in `fit`; `--report DIR` writes held-out views beside their photographs. `--choose` is
-//! for choosing settings: photographs 0, 8, … are left out, and 4, 12, … are measured. `--cameras own` keeps those of the
-//! models. On a quiet machine where seconds decide.
+//! `NERF_PANEL=shared/data/real cargo bench -p nerf-train --bench panel [-- OPTIONS] [CAPTURE…]` fits the named
+//! captures; default: all of [`CAPTURES`] that the folder `NERF_PANEL` holds. Options:
+//!
+//! - `--steps N` or `--seconds S`: length of each fit; default: 9,000 steps. A limit in seconds needs an otherwise idle
+//!   machine.
+//! - `--seed N`: seed of each fit.
+//! - `--config TOML`: settings, as in `fit`.
+//! - `--report DIR`: folder for pictures of held-out views beside their photographs.
+//! - `--choose`: for the choice of settings. Photographs 0, 8, … are left out, and 4, 12, … are measured.
+//! - `--cameras own`: cameras as in the reconstruction, instead of one camera per device.
 
 use nerf_core::Kernel;
 use nerf_train::cli::{SetOption, read_config};
@@ -20,7 +25,7 @@ use nerf_train::train::schedule::Budget;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Captures, and how many times smaller their photographs are read.
+/// Captures: name in the folder, and factor by which the photographs are reduced.
 const CAPTURES: [(&str, u32); 9] = [
     ("lego_200x200.npz", 1),
     ("fox_ngp", 4),
@@ -33,7 +38,7 @@ const CAPTURES: [(&str, u32); 9] = [
     ("fern_llff", 8),
 ];
 
-/// What the command line asks for.
+/// Options of the command line.
 #[derive(Default)]
 struct Asked {
     steps: Option<u32>,
@@ -121,7 +126,8 @@ fn row(path: &Path, name: &str, downscale: u32, asked: &Asked) {
     }
 }
 
-/// The settings of `fit` for what the pictures say of the surroundings.
+/// Returns the settings of `fit` with the preset grid: for an unbounded scene if the data set's background is unknown,
+/// else for a known background.
 fn config(dataset: &Dataset, asked: &Asked) -> Config {
     let surroundings = match dataset.background {
         Background::Unknown => Surroundings::Unbounded,
@@ -135,7 +141,8 @@ fn config(dataset: &Dataset, asked: &Asked) -> Config {
     config
 }
 
-/// A capture with what is held out of it; to choose settings by, the second eighth without the first.
+/// Reads a capture, with every eighth photograph held out unless the capture has a split. With `--choose`, removes
+/// these held-out photographs, and holds out another eighth of the photographs instead.
 fn held_out(path: &Path, downscale: u32, asked: &Asked) -> Dataset {
     let read = |hold_offset| {
         let (downscale, cameras) = (Downscale::By(downscale), asked.cameras);
@@ -161,7 +168,7 @@ fn held_out(path: &Path, downscale: u32, asked: &Asked) -> Dataset {
     dataset
 }
 
-/// Some of the held-out views as the blob shows them, each beside its photograph.
+/// Writes a contact sheet of some held-out views, each rendered from the blob and beside its photograph.
 fn write_views(file: &Path, name: &str, outcome: &Outcome, dataset: &Dataset) {
     let mut cells = Vec::new();
     for Shown { view, frame, truth, psnr_db } in &outcome.shown {

@@ -1,8 +1,9 @@
-//! Scenes as papers measure them: a row of figures for each NeRF-synthetic scene of a folder, and their mean.
+//! Fits of NeRF-synthetic scenes, measured as in papers. Prints one row of figures per scene, and their mean.
 //!
-//! `cargo bench -p nerf-train --bench papers -- FOLDER [--seconds S] [FLAGS OF fit…]`, of FOLDER itself or of its folders that
-//! hold `transforms_train.json`. Each is fitted by the program for S seconds (300), the reading included, and measured
-//! over white on its validation views, or on its test views where there are no others. Seconds decide: on a quiet machine.
+//! `cargo bench -p nerf-train --bench papers -- FOLDER [--seconds S] [FLAGS OF fit…]` fits the scene FOLDER or, if
+//! FOLDER has no `transforms_train.json`, the scenes in its folders. Each fit takes S seconds (default: 300), with the
+//! reading of the data. PSNR and SSIM are over white, on the validation views, or on the test views if there are no
+//! validation views. Needs an otherwise idle machine.
 
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -33,7 +34,7 @@ fn main() {
     println!("\n{}, white background, fit --max-seconds {seconds} {}", rows[0].machine, arguments.join(" "));
 }
 
-/// The folder if it is a scene, or else those in it, by name.
+/// Returns `folder` if it is a scene, else the scenes in `folder`, sorted by name.
 fn scenes(folder: &Path) -> Vec<PathBuf> {
     let is_scene = |path: &Path| path.join("transforms_train.json").is_file();
     if is_scene(folder) {
@@ -46,12 +47,12 @@ fn scenes(folder: &Path) -> Vec<PathBuf> {
     scenes
 }
 
-/// What one scene came to.
+/// Figures of one scene.
 struct Row {
     psnr_db: f64,
     ssim: f64,
     bytes: f64,
-    /// Processor, kernel and threads.
+    /// Processor, kernel and number of threads, for the line below the table.
     machine: String,
 }
 
@@ -105,7 +106,7 @@ impl Row {
     }
 }
 
-/// What the program says with `--json`.
+/// Runs the program with `--json`, and returns the JSON object that it prints.
 fn json(command: &mut Command) -> Value {
     let output = command.args(["--json", "--quiet"]).output().expect("the program runs");
     assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));

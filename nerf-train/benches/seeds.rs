@@ -1,11 +1,14 @@
-//! The recipes of the course's write-ups on lego, to the letter but with empty space skipped: a row a recipe.
+//! Fits of lego with the settings of the course's write-ups, except that empty space is skipped. Prints one row per
+//! recipe.
 //!
-//! `NERF_BENCH_DATA=lego_200x200.npz cargo bench -p nerf-train --bench seeds [-- MINUTES [RECIPE…]]`: at most so many
-//! minutes a recipe (60), of the recipes whose names are given (all). `-- dense` compares the first recipe's first 50
-//! steps with and without skipping. All fit the classic network (8×256, skip after 4 layers, L = 10 and 4) with Adam at
-//! a constant rate. Validation is the mean over all validation views, training the mean over as many training views,
-//! both of the exported file over its background, every pixel. Published: 23 dB is what the course asks for; the best
-//! of the write-ups has 26 dB on training and 25 on validation views.
+//! `NERF_BENCH_DATA=lego_200x200.npz cargo bench -p nerf-train --bench seeds [-- MINUTES [RECIPE…]]` fits the named
+//! recipes (default: all) for at most MINUTES each (default: 60). `-- dense` compares the first 50 steps of the first
+//! recipe with and without skipping.
+//!
+//! All recipes fit the classic network (8×256, skip connection after 4 layers, L = 10 and 4) with Adam at a constant
+//! rate. Validation PSNR is the mean over all validation views. Training PSNR is the mean over an equal number of
+//! training views. Both are of the exported file over its background, with every pixel. Published results: the course
+//! requires 23 dB; the best write-up has 26 dB on training views and 25 dB on validation views.
 
 use nerf_core::Kernel;
 use nerf_core::plan::Quality;
@@ -19,12 +22,12 @@ use nerf_train::train::{Trainer, psnr_db_of_mse};
 use std::path::Path;
 use std::time::Instant;
 
-/// A write-up's settings where they differ from the preset's.
+/// Settings of a write-up that differ from those of the preset seed.
 struct Recipe {
     name: &'static str,
     rays: usize,
-    /// Images that a step's rays are drawn from, as many of each over all of its pixels; there are 100 to train on.
-    /// (Rays over all images at once would, beside a visual hull, be drawn near the foreground alone.)
+    /// Number of random images per step, with equally many rays each, drawn from all pixels; lego has 100 training
+    /// images. Not 0: with a visual hull, rays from all images at once would be drawn only near the foreground.
     images: usize,
     samples: u16,
     jitter: Jitter,
@@ -127,7 +130,8 @@ fn row(data: &Dataset, recipe: &Recipe, minutes: f64) {
     );
 }
 
-/// The first recipe's first steps with and without skipping: the smoothed PSNR of the rays trained on, and the time.
+/// Compares the first recipe's first 50 steps with and without the skipping of empty space. Prints time, and smoothed
+/// PSNR of the training rays.
 fn beside_dense(data: &Dataset) {
     println!("| step | dense dB | dense s | skipping dB | skipping s |");
     println!("| ---: | ---: | ---: | ---: | ---: |");

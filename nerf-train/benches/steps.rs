@@ -1,9 +1,13 @@
-//! Where a training step's time goes, at sizes of the grid's table from 2^14 to 2^19 entries a level; and how many times
-//! as long a step by dfdx's tape takes as one of the fused engine (`-- engines`: that alone).
+//! Time of a training step by phase, for grids of 2^14 to 2^19 entries per level, and comparison of the engines fused
+//! and dfdx.
 //!
-//! `cargo bench -p nerf-train --bench steps`; `NERF_BENCH_DATA=FILE` trains on that data instead of the built-in
-//! scene, `NERF_BENCH_UNBOUNDED=1` as photographs of an unbounded scene, `NERF_BENCH_STEPS=N` times N steps after as many
-//! that are not timed, `NERF_BENCH_CONFIG=TOML` gives settings as in `fit`. On a quiet machine.
+//! `cargo bench -p nerf-train --bench steps` prints both tables; with `-- engines`, only the comparison of the engines.
+//! Needs an otherwise idle machine. Environment variables:
+//!
+//! - `NERF_BENCH_DATA=FILE`: training data, instead of the built-in scene.
+//! - `NERF_BENCH_UNBOUNDED=1`: settings for photographs of an unbounded scene.
+//! - `NERF_BENCH_STEPS=N`: number of timed steps (default: 600). As many steps before these are not timed.
+//! - `NERF_BENCH_CONFIG=TOML`: settings, as in `fit`.
 
 use nerf_core::Kernel;
 use nerf_train::cli::{SetOption, read_config};
@@ -35,7 +39,8 @@ fn main() {
     engines(&data);
 }
 
-/// The presets' first steps by both engines, which are about the same steps, in turns.
+/// Compares the engines fused and dfdx on the first steps of each preset. The engines take turns, step by step; their
+/// steps are about equal. Prints milliseconds per step.
 fn engines(data: &data::Dataset) {
     const STEPS: u32 = 20;
     println!("{}, {STEPS} steps after 5, all threads; seed with a hundredth of its rays", data.name);
@@ -62,7 +67,7 @@ fn engines(data: &data::Dataset) {
     }
 }
 
-/// The table of phases.
+/// Prints the table of the phases' shares of a step's time: one row per table size and number of threads.
 fn phases_of_steps(data: &data::Dataset, steps: u32) {
     println!("{}, steps {steps} to {}", data.name, 2 * steps);
     let phases: Vec<&str> = Phase::ALL.iter().map(|phase| phase.name()).collect();
@@ -76,7 +81,7 @@ fn phases_of_steps(data: &data::Dataset, steps: u32) {
     }
 }
 
-/// Trains, and prints the row of the second half.
+/// Trains for twice `steps` steps, and prints the row of the second half.
 fn row(data: &data::Dataset, log2_entries: u8, threads: usize, steps: u32) {
     let around = match std::env::var_os("NERF_BENCH_UNBOUNDED") {
         Some(_) => Surroundings::Unbounded,

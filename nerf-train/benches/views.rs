@@ -1,8 +1,9 @@
-//! Time and loss of whole views of a data set's validation cameras.
+//! Render time and PSNR of a data set's validation views.
 //!
-//! `NERF_BENCH_BLOB=scene.nerf NERF_BENCH_DATA=data cargo bench -p nerf-train --bench views`: milliseconds a view, the
-//! least of five rounds over all views, on one thread and on two, at the views' own size and at four times it;
-//! PSNR against the photographs, and that of the default quality against `exact`. On a quiet machine.
+//! `NERF_BENCH_BLOB=scene.nerf NERF_BENCH_DATA=data cargo bench -p nerf-train --bench views` prints milliseconds per
+//! view: on one and on two threads, with all outputs and with colour alone, at the views' size (fastest of five rounds
+//! over all views) and with four times as many pixels along each side (one round). Also prints the PSNR of the default
+//! and of the exact quality against the photographs. Needs an otherwise idle machine.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -19,7 +20,7 @@ use nerf_train::measure::metrics::psnr_db;
 use std::path::Path;
 use std::time::Instant;
 
-/// Rounds over all views, of which the fastest counts.
+/// Number of rounds over all views at their own size; the fastest round counts.
 const ROUNDS: usize = 5;
 
 fn main() {
@@ -72,7 +73,7 @@ fn main() {
     );
 }
 
-/// The same camera with `scale` times as many pixels along each side.
+/// Returns a camera of the same view as `camera`, with `scale` times as many pixels along each side.
 fn enlarged(camera: &Camera, scale: u32) -> Camera {
     let i = camera.intrinsics();
     let by = scale as f32;

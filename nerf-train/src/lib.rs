@@ -1,7 +1,7 @@
 //! Trains, evaluates and renders radiance fields on a CPU.
 //!
-//! The modules in the order in which data flows: `system`, `data`, `capture`, `model`, `train`, `measure`, `fit`,
-//! `lab`, `show`, `cli`. Each uses only those before it.
+//! The modules, in the order in which data flows, are `system`, `data`, `capture`, `model`, `train`, `measure`, `fit`,
+//! `lab`, `show` and `cli`. Each module uses only the modules before it.
 
 #![allow(missing_docs, reason = "a field or variant whose name says it needs no comment")]
 

@@ -1,10 +1,11 @@
-//! A browser without a window, for pages that drive themselves.
+//! A headless browser, for pages that run without a user.
 
 use crate::tools;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The first Chromium that is there: `$CHROMIUM`, or one in `PATH`; without one the test is left out.
+/// Returns the first Chromium found: `$CHROMIUM`, or one in `PATH`. Records the test as skipped, as [`tools::there_is`]
+/// does, if there is no Chromium.
 ///
 /// # Panics
 /// As [`tools::there_is`].
@@ -18,8 +19,8 @@ pub fn chromium() -> Option<PathBuf> {
     found
 }
 
-/// The document of a page at an address once it is loaded, and a picture of the window in `screenshot`; the browser's
-/// profile lies in `folder`.
+/// Loads the page `address#hash` and returns its document as HTML. Writes an image of the window to `screenshot`, and
+/// the browser's profile to `folder`.
 pub fn document(browser: &Path, folder: &Path, address: &str, hash: &str, screenshot: &Path) -> String {
     let output = Command::new(browser)
         .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"])
@@ -32,14 +33,14 @@ pub fn document(browser: &Path, folder: &Path, address: &str, hash: &str, screen
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// The value of `data-<name>` of the document's body.
+/// Returns the value of the attribute `data-<name>` of the document's body.
 pub fn noted<'d>(document: &'d str, name: &str) -> &'d str {
     let body = document.split("<body").nth(1).and_then(|rest| rest.split('>').next()).expect("a body");
     let value = body.split(&format!("data-{name}=\"")).nth(1).and_then(|rest| rest.split('"').next());
     value.unwrap_or_else(|| panic!("no data-{name}: {body}"))
 }
 
-/// What the page left as JSON under an id.
+/// Returns the parsed JSON that the page wrote into the element with this id.
 pub fn left(document: &str, id: &str) -> serde_json::Value {
     let place = document.split(&format!("id=\"{id}\">")).nth(1).and_then(|rest| rest.split('<').next());
     let text = place.unwrap_or_else(|| panic!("no {id} in the document"));

@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// The C library in both of its forms.
+/// Paths of the C library: static and shared.
 #[derive(Clone, Debug)]
 pub struct Libraries {
     /// `libnerf_render.a`
@@ -14,8 +14,9 @@ pub struct Libraries {
     pub shared: PathBuf,
 }
 
-/// The libraries that cargo built for this test program, hence from the same sources. Their core also has the feature
-/// `train`, which does not change the C interface; `.ci/run` and the package tests build without it.
+/// Returns the libraries that cargo built beside this test program, and hence from the same sources. Their core also
+/// has the feature `train`, which does not change the C interface; `.ci/run` and the package tests build without this
+/// feature.
 pub fn libraries() -> Libraries {
     // Beside the executable that runs: target/release/deps/test-0123.
     let own = std::env::current_exe().expect("a path");
@@ -28,17 +29,18 @@ pub fn libraries() -> Libraries {
     Libraries { archive: built("libnerf_render.a"), shared: built("libnerf_render.so") }
 }
 
-/// The cargo that runs the tests, or else the one of PATH. Not `env!("CARGO")`: cargo at another path, as in `.ci/run`,
-/// would compile this crate and all its tests anew.
+/// Returns the path of the cargo that runs the tests, or else the name to find in `PATH`. `env!("CARGO")` is not used:
+/// a cargo at another path, as in `.ci/run`, would compile this crate and all its tests again.
 fn cargo() -> OsString {
     std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
 }
 
-/// Builds one thing with the features of `arguments` alone; what the build left, by cargo's word.
+/// Builds a package with only the features in `arguments`. Returns the files that cargo reports.
 ///
-/// In a target directory and a profile of its own: nothing else waits for it, and no optimisation across crates
-/// makes it slow. It is built in one part: what is inlined across parts differs by more than an effect's code, and
-/// the unused functions of an incremental build's parts stay. Of debug information it has the table of lines.
+/// The build has its own target directory, so that it blocks no other build, and its own profile, without slow
+/// optimisation across crates. The build uses one codegen unit, since inlining across units changes more code than an
+/// effect has. The build is not incremental, since incremental builds keep unused functions. Debug information is
+/// limited to line tables.
 pub fn build_alone(arguments: &[&str]) -> Vec<PathBuf> {
     let mut command = Command::new(cargo());
     command.current_dir(paths::workspace());
@@ -51,17 +53,17 @@ pub fn build_alone(arguments: &[&str]) -> Vec<PathBuf> {
     files(command.arg("--target-dir").arg(target.join("features")))
 }
 
-/// What watches every memory access of a program.
+/// A sanitizer, which checks every memory access of a program.
 #[derive(Clone, Copy, Debug)]
 pub enum Sanitizer {
-    /// Out of bounds, use after free, leaks.
+    /// AddressSanitizer: accesses out of bounds, uses after free, leaks.
     Address,
-    /// Unsynchronised accesses of several threads.
+    /// ThreadSanitizer: unsynchronised accesses by several threads.
     Thread,
 }
 
 impl Sanitizer {
-    /// Its name for compilers, and the name of its runtime.
+    /// Returns the sanitizer's name for compilers, and the name of its runtime.
     fn names(self) -> (&'static str, &'static str) {
         match self {
             Self::Address => ("address", "asan"),
@@ -69,7 +71,7 @@ impl Sanitizer {
         }
     }
 
-    /// The toolchain's runtime of it, where its host has one.
+    /// Returns the path of the sanitizer's runtime in the Rust toolchain; `None` if the toolchain has no such runtime.
     pub fn runtime(self) -> Option<PathBuf> {
         let libraries = output(Command::new("rustc").args(["--print", "target-libdir"]));
         let ending = format!("_rt.{}.a", self.names().1);
@@ -78,15 +80,15 @@ impl Sanitizer {
     }
 }
 
-/// What a command that must succeed says.
+/// Runs a command that must succeed, and returns its standard output.
 fn output(command: &mut Command) -> String {
     String::from_utf8_lossy(&run(command).stdout).into_owned()
 }
 
-/// Compiles `source` and links the library, both under a sanitizer.
+/// Compiles `source` and links the library, both under a sanitizer. Returns the path of the program.
 ///
-/// The library's own code is instrumented, the standard library's is not. The runtime is the toolchain's, for the
-/// host's code as well. `RUSTC_BOOTSTRAP`: sanitizers are not stable flags yet.
+/// The library's own code is instrumented, the standard library's is not. The host's code uses the Rust toolchain's
+/// runtime, too. `RUSTC_BOOTSTRAP` is set because the sanitizer flags of rustc are not stable yet.
 pub fn sanitized_program(sanitizer: Sanitizer, language: Language, source: &Path, into: &Path) -> PathBuf {
     let (name, runtime) = sanitizer.names();
     let about = output(Command::new("rustc").arg("-vV"));
@@ -118,7 +120,7 @@ pub fn sanitized_program(sanitizer: Sanitizer, language: Language, source: &Path
     program
 }
 
-/// Files a cargo command leaves for the packages of this workspace.
+/// Runs a cargo command, and returns the files that it produces for the packages of this workspace.
 fn files(command: &mut Command) -> Vec<PathBuf> {
     let output = run(command);
     let root = paths::workspace();
@@ -134,7 +136,7 @@ fn files(command: &mut Command) -> Vec<PathBuf> {
         .collect()
 }
 
-/// A language of hosts.
+/// Programming language of a host program.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Language {
     /// C11.
@@ -144,7 +146,7 @@ pub enum Language {
 }
 
 impl Language {
-    /// The compiler and its flag for the standard.
+    /// Returns the compiler, and its flag for the language standard.
     fn compiler(self) -> (OsString, &'static str) {
         let (variable, default, standard) = match self {
             Self::C => ("CC", "cc", "-std=c11"),
@@ -154,12 +156,12 @@ impl Language {
     }
 }
 
-/// Compiles `source`, without a single warning, and links the static library.
+/// Compiles `source` and links the static library; warnings are errors. Returns the path of the program.
 pub fn program(language: Language, source: &Path, into: &Path, more: &[&str]) -> PathBuf {
     program_with(&libraries(), language, source, into, more)
 }
 
-/// The same with other libraries.
+/// Compiles `source` and links the static one of `libraries`, as [`program`] does.
 pub fn program_with(
     libraries: &Libraries,
     language: Language,
@@ -178,7 +180,7 @@ pub fn program_with(
     program
 }
 
-/// Runs a command that must succeed.
+/// Runs a command that must succeed, and returns its output.
 pub fn run(command: &mut Command) -> Output {
     let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
     let text = String::from_utf8_lossy(&output.stderr);

@@ -1,4 +1,4 @@
-//! The C interface, called from Rust as a C host would.
+//! Calls of the C interface from Rust, as a C host makes them.
 
 use crate::memory::Guarded;
 use nerf_core::camera;
@@ -8,7 +8,7 @@ use nerf_render as ffi;
 use std::ffi::{CStr, c_char, c_void};
 use std::ptr;
 
-/// A message buffer.
+/// Buffer for an error message.
 pub struct Message(pub [c_char; 256]);
 
 impl Default for Message {
@@ -18,14 +18,14 @@ impl Default for Message {
 }
 
 impl Message {
-    /// What was written.
+    /// Returns the text in the buffer.
     pub fn text(&self) -> String {
         let bytes: Vec<u8> = self.0.iter().map(|&c| c as u8).collect();
         CStr::from_bytes_until_nul(&bytes).expect("a NUL").to_string_lossy().into_owned()
     }
 }
 
-/// Options that open a scene for `kernel`.
+/// Returns options that open a scene with `kernel`.
 pub fn open_options(kernel: Kernel) -> ffi::OpenOptions {
     let isa = match kernel.isa {
         Isa::Avx2 => ffi::Kernel::Avx2,
@@ -43,7 +43,7 @@ pub fn open_options(kernel: Kernel) -> ffi::OpenOptions {
     ffi::OpenOptions { struct_size, kernel: isa as u32, storage: storage as u32, reserved: [0; 6] }
 }
 
-/// The exact picture: no cut, no blur.
+/// Returns options without cuts and without blur; everything else is the default.
 pub fn render_options() -> ffi::RenderOptions {
     ffi::RenderOptions {
         struct_size: size_of::<ffi::RenderOptions>(),
@@ -76,7 +76,7 @@ pub fn render_options() -> ffi::RenderOptions {
     }
 }
 
-/// A camera as C has it.
+/// Converts a camera to the C structure.
 pub fn camera(camera: &camera::Camera) -> ffi::Camera {
     let (i, lens, rows) = (camera.intrinsics(), camera.lens(), camera.pose().to_rows());
     ffi::Camera {
@@ -101,16 +101,16 @@ pub fn camera(camera: &camera::Camera) -> ffi::Camera {
     }
 }
 
-/// A plane that is not wanted.
+/// A plane that is not requested.
 pub const NO_PLANE: ffi::Plane =
     ffi::Plane { data: ptr::null_mut(), pixel_stride: 0, row_stride: 0, format: 0, reserved: 0 };
 
-/// A tightly packed plane.
+/// Returns a plane of contiguous pixels.
 pub fn plane(data: *mut c_void, format: ffi::PixelFormat) -> ffi::Plane {
     ffi::Plane { data, format: format as u32, ..NO_PLANE }
 }
 
-/// A target of one colour plane.
+/// Returns a target that has only a colour plane.
 pub fn target(rgb: ffi::Plane) -> ffi::Target {
     let struct_size = size_of::<ffi::Target>();
     ffi::Target {
@@ -126,10 +126,11 @@ pub fn target(rgb: ffi::Plane) -> ffi::Target {
     }
 }
 
-/// What `target` has planes for.
+/// Returns the `NERF_OUTPUT_*` flags of the planes in `target`; only the colour flag if `target` is NULL, misaligned or
+/// too short.
 ///
 /// # Safety
-/// `target` is NULL or points to as many bytes as its `struct_size` says, and at least to that.
+/// `target` is NULL or misaligned, or points to a readable `struct_size` and at least this number of readable bytes.
 pub unsafe fn outputs(target: *const ffi::Target) -> u32 {
     // SAFETY: the caller's promise.
     let whole = |target: *const ffi::Target| unsafe { (*target).struct_size } >= size_of::<ffi::Target>();
@@ -142,7 +143,7 @@ pub unsafe fn outputs(target: *const ffi::Target) -> u32 {
     planes.iter().enumerate().map(|(bit, plane)| u32::from(!plane.data.is_null()) << bit).sum()
 }
 
-/// A request for one scene.
+/// Returns a request for a worker of one scene.
 pub fn request(scene: *const ffi::Scene, options: *const ffi::RenderOptions, outputs: u32) -> ffi::Request {
     let struct_size = size_of::<ffi::Request>();
     ffi::Request {
@@ -156,7 +157,7 @@ pub fn request(scene: *const ffi::Scene, options: *const ffi::RenderOptions, out
     }
 }
 
-/// A frame of a scene.
+/// Returns a frame that renders the whole image of a scene.
 pub fn whole_frame(camera: *const ffi::Camera, target: *const ffi::Target) -> ffi::Frame {
     ffi::Frame {
         struct_size: size_of::<ffi::Frame>(),
@@ -170,12 +171,12 @@ pub fn whole_frame(camera: *const ffi::Camera, target: *const ffi::Target) -> ff
     }
 }
 
-/// Numbers that lie side by side.
+/// Returns an array of contiguous elements.
 pub fn floats(data: *const f32) -> ffi::Floats {
     ffi::Floats { data, stride: 0 }
 }
 
-/// `nerf_worker_size` of a worker for one scene.
+/// Calls `nerf_worker_size` for a worker of one scene.
 ///
 /// # Safety
 /// As `nerf_worker_size`.
@@ -193,7 +194,7 @@ pub unsafe fn worker_size(
     unsafe { ffi::nerf_worker_size(&request(scene, options, outputs), size, align, message, capacity) }
 }
 
-/// One frame: opens a worker for the planes of the target in `memory`, and renders with it once.
+/// Opens a worker in `memory` for the planes of the target, and renders one frame.
 ///
 /// # Safety
 /// As `nerf_worker_open` and `nerf_render`.
@@ -225,7 +226,7 @@ pub unsafe fn render(
     }
 }
 
-/// The same of a picture.
+/// Opens a worker of a 2D field in `memory`, and renders one image.
 ///
 /// # Safety
 /// As `nerf_worker_open` and `nerf_render_picture`.
@@ -258,7 +259,7 @@ pub unsafe fn render_picture(
     }
 }
 
-/// `nerf_pace_request`, of frames with the options' own background.
+/// Returns a `nerf_pace_request` without a camera, a limit or a clock.
 pub fn pace_request(
     scene: *const ffi::Scene,
     options: *const ffi::RenderOptions,
@@ -278,10 +279,10 @@ pub fn pace_request(
     }
 }
 
-/// `nerf_pace_workspace_size`.
+/// Calls `nerf_pace_workspace_size`.
 ///
 /// # Safety
-/// As there.
+/// As `nerf_pace_workspace_size`.
 #[allow(clippy::too_many_arguments, reason = "what the C function is given, and what it is made of")]
 pub unsafe fn pace_workspace_size(
     scene: *const ffi::Scene,
@@ -297,10 +298,10 @@ pub unsafe fn pace_workspace_size(
     unsafe { ffi::nerf_pace_workspace_size(&request, size, align, message, capacity) }
 }
 
-/// `nerf_pace_measure`.
+/// Calls `nerf_pace_measure`.
 ///
 /// # Safety
-/// As there.
+/// As `nerf_pace_measure`.
 #[allow(clippy::too_many_arguments, reason = "what the C function is given, and what it is made of")]
 pub unsafe fn pace_measure(
     scene: *const ffi::Scene,
@@ -322,7 +323,7 @@ pub unsafe fn pace_measure(
     unsafe { ffi::nerf_pace_measure(&request, workspace, size, pace, message, capacity) }
 }
 
-/// `nerf_explain`, of a worker for one scene that is opened for it.
+/// Opens a worker for one scene, and calls `nerf_explain` for this worker.
 ///
 /// # Safety
 /// As `nerf_worker_open` and `nerf_explain`.
@@ -353,7 +354,7 @@ pub unsafe fn explain(
     }
 }
 
-/// One query: opens a worker in `memory`, for colour if `rgb` is not NULL, and asks it once.
+/// Opens a worker in `memory`, for colour unless `rgb` is NULL, and calls `nerf_query` once.
 ///
 /// # Safety
 /// As `nerf_worker_open` and `nerf_query`.
@@ -393,12 +394,12 @@ pub unsafe fn query(
     }
 }
 
-/// Counters to be filled.
+/// Returns counters with `struct_size` set and all counts 0.
 pub fn counters() -> ffi::Counters {
     ffi::Counters { struct_size: size_of::<ffi::Counters>(), ..nerf_core::render::Counters::default().into() }
 }
 
-/// Draws a whole frame at the exact quality, without callback, counters or message.
+/// Renders a whole image with the default options, without callback, counters or message.
 ///
 /// # Safety
 /// As `nerf_render`.
@@ -415,17 +416,17 @@ pub unsafe fn frame(
     unsafe { render(scene, camera, options, rect, target, workspace, size, None, user, counters, message, 0) }
 }
 
-/// An opened scene with the memory it lies in.
+/// An opened scene with the memory that it borrows.
 pub struct Opened {
-    /// The handle.
+    /// Handle of the scene.
     pub scene: *const ffi::Scene,
-    /// The scene's memory.
+    /// Memory in which the scene was opened.
     pub memory: Guarded,
-    /// The scene's blob.
+    /// Bytes of the scene file.
     pub blob: Vec<u8>,
 }
 
-/// Opens a blob.
+/// Opens a scene from the bytes of its file, in memory between canaries.
 pub fn open(blob: Vec<u8>, kernel: Kernel) -> Opened {
     let (options, mut message) = (open_options(kernel), Message::default());
     let (mut size, mut align, mut scene) = (0, 0, ptr::null());
@@ -448,7 +449,7 @@ pub fn open(blob: Vec<u8>, kernel: Kernel) -> Opened {
 }
 
 impl Opened {
-    /// A workspace of exactly the size that is needed.
+    /// Allocates the memory of a worker for this scene; the memory has exactly the required size.
     pub fn workspace(&self, options: Option<&ffi::RenderOptions>, outputs: u32) -> Guarded {
         let options = options.map_or(ptr::null(), |options| options as *const _);
         let (mut size, mut align, none) = (0, 0, ptr::null_mut());
@@ -458,7 +459,7 @@ impl Opened {
         Guarded::new(size, 0)
     }
 
-    /// A workspace of exactly the size that a picture needs.
+    /// Allocates the memory of a worker for this 2D field; the memory has exactly the required size.
     pub fn picture_workspace(&self, options: Option<&ffi::RenderOptions>) -> Guarded {
         let options = options.map_or(ptr::null(), |options| options as *const _);
         let (mut size, mut align, none) = (0, 0, ptr::null_mut());

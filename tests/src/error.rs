@@ -1,16 +1,16 @@
-//! Errors compared so that none is lost: `f64::max` takes the other number for a NaN, and a NaN is the worst there is.
+//! Comparison of errors that never loses a NaN, the worst error: `f64::max` would return the other number.
 
-/// The larger; NaN if one is.
+/// Returns the larger of two errors; NaN if one of them is NaN.
 pub fn worse(a: f64, b: f64) -> f64 {
     if a > b || a.is_nan() { a } else { b }
 }
 
-/// The largest, and at least 0; NaN if there is one.
+/// Returns the largest error, or 0 if no error is positive; NaN if one of them is NaN.
 pub fn worst_of(errors: impl IntoIterator<Item = f64>) -> f64 {
     errors.into_iter().fold(0.0, worse)
 }
 
-/// How far a difference is above 0; NaN of a NaN.
+/// Returns a positive difference unchanged, and 0 for a negative one; NaN for NaN.
 pub fn excess(difference: f64) -> f64 {
     worse(difference, 0.0)
 }

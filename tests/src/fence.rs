@@ -1,29 +1,29 @@
-//! Memory between pages that nobody may touch: one byte too far, read or written, ends the process.
+//! Memory between inaccessible pages (fences): a read or write of one byte beyond the memory ends the process.
 //!
-//! Canaries ([`crate::memory`]) see writes alone, and a sanitizer sees what it has compiled; the fence is the machine's
-//! own and sees both, whatever instruction it was.
+//! Canaries ([`crate::memory`]) detect only writes, and a sanitizer checks only code that it has compiled. The
+//! processor checks every access of every instruction.
 
 use std::ffi::c_void;
 use std::ops::{Deref, DerefMut};
 use std::ptr;
 
-/// Where values lie between the two fences.
+/// Position of values between the two fences.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flush {
-    /// Their first byte is the first behind a fence.
+    /// The first value begins where the first fence ends.
     Start,
-    /// Their last byte is the last before a fence.
+    /// The last value ends where the second fence begins.
     End,
-    /// A page away from both, for what the others are compared with.
+    /// The values are at least a page away from each fence; results at the other positions are compared with this one.
     Neither,
 }
 
 impl Flush {
-    /// At either fence.
+    /// The two positions beside a fence.
     pub const BOTH: [Self; 2] = [Self::Start, Self::End];
 }
 
-/// Values on pages of their own; the page before and the one behind cannot be touched.
+/// Values on pages of their own, between two pages that cannot be accessed.
 pub struct Fenced<T> {
     pages: *mut c_void,
     length: usize,
@@ -32,7 +32,7 @@ pub struct Fenced<T> {
 }
 
 impl<T: Copy> Fenced<T> {
-    /// A copy of `values`.
+    /// Makes a copy of `values` at the position `flush`.
     pub fn of(values: &[T], flush: Flush) -> Self {
         let mut fenced = Self::unwritten(values.len(), flush);
         // SAFETY: as many values lie there, writable, aligned, and in memory of their own.
@@ -40,7 +40,7 @@ impl<T: Copy> Fenced<T> {
         fenced
     }
 
-    /// `count` times `value`.
+    /// Makes `count` copies of `value` at the position `flush`.
     pub fn filled(count: usize, value: T, flush: Flush) -> Self {
         let mut fenced = Self::unwritten(count, flush);
         for i in 0..count {
@@ -77,14 +77,14 @@ impl<T: Copy> Fenced<T> {
         Self { pages, length, first: inner.wrapping_byte_add(skipped).cast(), count }
     }
 
-    /// The first value's address.
+    /// Returns the address of the first value.
     pub fn first(&mut self) -> *mut T {
         self.first
     }
 }
 
 impl Fenced<u8> {
-    /// `count` zeros that take memory only where they are written to.
+    /// Makes `count` zeros. A page takes memory only once it is written to.
     pub fn zeros(count: usize, flush: Flush) -> Self {
         // New pages are full of zeros.
         Self::unwritten(count, flush)

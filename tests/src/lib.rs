@@ -1,4 +1,5 @@
-//! What the tests that span the crates share: small scenes, C compilers, memory with canaries, memory between fences.
+//! Shared parts of the tests that span the crates: small scenes, C compilers, memory with canaries, memory between
+//! fences.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
 pub mod browser;

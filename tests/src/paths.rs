@@ -1,18 +1,18 @@
-//! Where things lie.
+//! Paths of the workspace and of the generated header, and temporary folders.
 
 use std::path::{Path, PathBuf};
 
-/// The workspace.
+/// Returns the root folder of the workspace.
 pub fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ lies in the workspace").to_path_buf()
 }
 
-/// The generated header.
+/// Returns the path of the generated header.
 pub fn header() -> PathBuf {
     workspace().join("include/nerf_render.h")
 }
 
-/// A directory of its own for a test, removed when dropped.
+/// Makes an empty temporary folder, which is removed when dropped.
 pub fn temporary() -> tempfile::TempDir {
     tempfile::tempdir().expect("a temporary directory")
 }

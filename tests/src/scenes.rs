@@ -1,4 +1,4 @@
-//! Small scenes and pictures of pseudo-random weights.
+//! Small scenes and 2D fields with pseudo-random weights.
 
 use crate::noise::signed;
 use nerf_core::Kernel;
@@ -17,40 +17,42 @@ use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use nerf_core::plan::Batch;
 use nerf_core::render::{Rect, Renderer};
 
-/// A scene to be made.
+/// Settings from which a scene or 2D field is made.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipe {
-    /// Trunk layers, and their width.
+    /// Number of trunk layers, and number of units in each layer.
     pub trunk: (usize, u16),
-    /// Whether the last trunk layer takes the encoded position again.
+    /// True if the last trunk layer also takes the encoded position.
     pub skip: bool,
-    /// Whether colour depends on direction.
+    /// True if colour depends on the viewing direction.
     pub view_dependent: bool,
-    /// Levels of the position's encoding.
+    /// Number of levels of the position encoding.
     pub levels: u8,
-    /// Features of an entry, if positions are encoded by a learned grid; 0 if by sines and cosines.
+    /// Number of features per entry of the learned grid; 0 if positions are encoded by sines and cosines.
     pub features: u8,
-    /// Whether the grid's tables are int8, each level with a scale of its own; else f16.
+    /// True if the grid's tables are int8, with a scale per level; false if they are f16.
     pub int8: bool,
-    /// Whether those are coded.
+    /// True if the int8 tables are entropy-coded.
     pub coded: bool,
-    /// Whether colour is worked out once a ray; with no trunk layers what is composited is the grid's encoding.
+    /// True for deferred shading, where colour is evaluated once per ray. Without trunk layers, the composited features
+    /// are the grid's encoding.
     pub per_ray: bool,
-    /// Cells of the occupancy grid along each axis, and whether all of them are set.
+    /// Cells of the occupancy grid along each axis, and whether all cells are occupied; `None` without a grid.
     pub occupancy: Option<(u16, bool)>,
-    /// Whether the occupancy grid is part of the model.
+    /// True if the occupancy grid is part of the model.
     pub occupancy_required: bool,
-    /// Samples of the coarse proposal network, and a front of two points; absent without.
+    /// Number of samples of the proposal network; `None` without one. With a proposal network, the scene also has a
+    /// Pareto front of two points.
     pub proposal: Option<u16>,
-    /// Whether it is a scene, with a density head; else a picture.
+    /// True for a scene, which has a density head; false for a 2D field.
     pub scene: bool,
-    /// The power of a contraction, if the scene has no end; else 0.
+    /// Power of the contraction of an unbounded scene; 0 for a bounded scene.
     pub contraction: u8,
     /// Seed of the weights.
     pub seed: u64,
 }
 
-/// Signed bytes of a grid, coded.
+/// Returns the entropy-coded form of a grid's int8 values.
 pub fn coded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     let mut symbols = vec![[0; 2]; 2 * values.len()];
     let mut out = vec![0; 4 * values.len() + 4];
@@ -58,7 +60,8 @@ pub fn coded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
 }
 
 impl Recipe {
-    /// 4×32, L = 10/4, view dependent, without skip layer and occupancy grid.
+    /// View-dependent scene: 4 trunk layers of 32 units, 10 levels for positions, 4 for directions; no skip layer, no
+    /// occupancy grid.
     pub const PLAIN: Self = Self {
         trunk: (4, 32),
         skip: false,
@@ -75,36 +78,36 @@ impl Recipe {
         contraction: 0,
         seed: 1,
     };
-    /// With a skip layer.
+    /// Scene with a skip layer.
     pub const SKIP: Self = Self { skip: true, seed: 2, ..Self::PLAIN };
-    /// With an occupancy grid of 8³ cells, half of them empty, and no view dependence.
+    /// Scene with an occupancy grid of 8³ cells, about half of them empty, and without view dependence.
     pub const OCCUPANCY: Self =
         Self { occupancy: Some((8, false)), view_dependent: false, seed: 3, ..Self::PLAIN };
-    /// With an occupancy grid that is part of the model.
+    /// Scene with an occupancy grid that is part of the model.
     pub const OCCUPANCY_REQUIRED: Self = Self { occupancy_required: true, ..Self::OCCUPANCY };
-    /// With a coarse proposal network besides.
+    /// Scene with an occupancy grid and a proposal network.
     pub const PROPOSAL: Self = Self { proposal: Some(12), seed: 7, ..Self::OCCUPANCY };
-    /// With a learned grid of 4 levels, spherical harmonics and an exponential density.
+    /// Scene with a learned grid of 4 levels, spherical harmonics and an exponential density.
     pub const LEARNED: Self = Self { features: 2, levels: 4, trunk: (1, 32), seed: 8, ..Self::PLAIN };
-    /// With tables in int8.
+    /// Scene with a learned grid whose tables are int8.
     pub const LEARNED_INT8: Self = Self { int8: true, seed: 10, ..Self::LEARNED };
-    /// The same tables, coded.
+    /// Scene with a learned grid whose int8 tables are entropy-coded.
     pub const LEARNED_CODED: Self = Self { coded: true, ..Self::LEARNED_INT8 };
-    /// Its encoding composited along rays, and one network a ray.
+    /// Scene with deferred shading: the grid's encoding is composited along a ray, and the network runs once per ray.
     pub const DEFERRED: Self = Self { per_ray: true, trunk: (0, 32), seed: 13, ..Self::LEARNED };
-    /// A trunk layer composited in its place, and an occupancy grid.
+    /// Scene with deferred shading of the composited output of a trunk layer, and with an occupancy grid.
     pub const DEFERRED_LAYER: Self =
         Self { per_ray: true, occupancy: Some((8, false)), seed: 14, ..Self::LEARNED_INT8 };
-    /// Unbounded.
+    /// Unbounded scene with an occupancy grid.
     pub const CONTRACTED: Self =
         Self { contraction: 2, occupancy: Some((8, false)), seed: 12, ..Self::LEARNED };
-    /// A picture by a learned grid.
+    /// 2D field with a learned grid.
     pub const LEARNED_PICTURE: Self = Self { features: 1, levels: 3, seed: 9, ..Self::PICTURE };
-    /// A picture of 33x21 pixels.
+    /// 2D field fitted to 33x21 pixels.
     pub const PICTURE: Self = Self { scene: false, view_dependent: false, seed: 4, ..Self::PLAIN };
-    /// As few bytes as a picture can have, nearly.
+    /// 2D field with nearly the smallest possible file.
     pub const TINY_PICTURE: Self = Self { trunk: (1, 2), levels: 0, seed: 6, ..Self::PICTURE };
-    /// As few bytes as a scene can have, nearly.
+    /// Scene with nearly the smallest possible file.
     pub const TINY: Self = Self {
         trunk: (1, 2),
         view_dependent: false,
@@ -113,10 +116,10 @@ impl Recipe {
         seed: 5,
         ..Self::PLAIN
     };
-    /// The same with a proposal and a front.
+    /// Scene with nearly the smallest possible file that has a proposal network and a Pareto front.
     pub const TINY_PROPOSAL: Self = Self { proposal: Some(8), ..Self::TINY };
 
-    /// The network's shape.
+    /// Returns the architecture of the network.
     pub fn architecture(&self) -> Architecture {
         let encoding =
             |inputs, levels| SinusoidalEncoding { inputs, levels, scale: AngleScale::Pi, identity: true };
@@ -141,7 +144,7 @@ impl Recipe {
         }
     }
 
-    /// The blob.
+    /// Returns the bytes of the scene file.
     pub fn blob(&self) -> Vec<u8> {
         let architecture = self.architecture();
         let (weights, bits) = (self.weights(&architecture), self.bits());
@@ -230,8 +233,8 @@ impl Recipe {
         })
     }
 
-    /// f16 weights: uniform, scaled so that a layer keeps its input's size; densities reach far
-    /// enough above 0 for pictures that are neither empty nor flat.
+    /// Returns uniform f16 weights, scaled so that a layer's output is about as large as its input. Densities reach far
+    /// enough above 0 for images that are neither empty nor flat.
     fn weights(&self, architecture: &Architecture) -> Vec<u8> {
         let mut state = self.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
         let mut uniform = || signed(&mut state);
@@ -249,7 +252,8 @@ impl Recipe {
         weights
     }
 
-    /// The learned grid, if there is one: finer by half from level to level, hashed from the second on.
+    /// Returns the learned grid, if the recipe has one. Its levels have 6, 9, 12, … cells along x and z, and one cell
+    /// more along y. All levels but the first are hashed.
     fn learned(&self) -> Option<GridEncoding> {
         let inputs = if self.scene { 3 } else { 2 };
         let cells = (0..self.levels).map(|level| 6 + 3 * u16::from(level));
@@ -283,7 +287,7 @@ impl Recipe {
     }
 }
 
-/// Two points: the exact rendering, and one with every shortcut.
+/// Returns a Pareto front of two points: the exact rendering, and one with cuts and the proposal network.
 fn front(occupancy: bool) -> ParetoFront {
     let exact = FrontPoint {
         samples: 48,
@@ -299,14 +303,15 @@ fn front(occupancy: bool) -> ParetoFront {
     [exact, FrontPoint { proposal: true, loss_db: 0.5, cost: 0.25, ..cuts }].into_iter().collect()
 }
 
-/// The nearest-below f16 of a small normal number, subnormals flushed to zero.
+/// Converts a number to the bits of an f16, rounded towards zero. Subnormal results become zero; the number must not be
+/// too large for an f16.
 pub fn f16_bits(x: f32) -> u16 {
     let bits = x.to_bits();
     let (sign, exponent) = ((bits >> 16 & 0x8000) as u16, (bits >> 23 & 0xff) as i32 - 112);
     if exponent <= 0 { sign } else { sign | (exponent as u16) << 10 | (bits >> 13 & 0x3ff) as u16 }
 }
 
-/// A camera of this size that sees the whole scene, from a corner, with a little lens.
+/// Returns a camera of this image size that sees the whole scene from a corner, with slight lens distortion.
 pub fn camera(width: u32, height: u32) -> Camera {
     let pose = Pose::look_at([1.5, 1.2, 3.4].into(), [0.0, 0.0, 0.1].into(), [0.0, 1.0, 0.0].into());
     let lens = Lens { k1: 0.02, k2: -0.01, p1: 0.001, p2: -0.002, ..Lens::NONE };
@@ -314,12 +319,12 @@ pub fn camera(width: u32, height: u32) -> Camera {
     Camera::new(intrinsics, lens, pose.expect("a pose")).expect("a camera")
 }
 
-/// The kernels of this machine.
+/// Returns the kernels that this machine can run.
 pub fn kernels() -> impl Iterator<Item = Kernel> {
     Kernel::all()
 }
 
-/// The pixels of a 2D field drawn in `size`, by the Rust renderer.
+/// Renders a 2D field to an image of `size` pixels with the Rust renderer. Returns the colours, row by row.
 pub fn picture(blob: &[u8], kernel: Kernel, math: MathBackend, size: [u32; 2]) -> Vec<[f32; 3]> {
     let blob = Blob::open(blob).expect("a blob");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];

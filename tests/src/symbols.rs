@@ -1,18 +1,18 @@
-//! Names: what the header declares, what a library shows.
+//! Names that the C header declares, and symbols that the library defines.
 
 use crate::build::run;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
 
-/// Functions a header declares: names before a parenthesis.
+/// Returns the functions that a header declares: names before a parenthesis that begin with `nerf_`.
 pub fn declared(header: &str) -> BTreeSet<String> {
     let code = without_comments(header);
     let before = code.split('(').map(|part| part.rsplit(|c: char| !(c == '_' || c.is_alphanumeric())).next());
     before.flatten().filter(|name| name.starts_with("nerf_")).map(String::from).collect()
 }
 
-/// Names that a C header brings into every program that includes it: macros, types, enumerators and functions.
+/// Returns the names that a C header adds to every program that includes it: macros, types, enumerators and functions.
 pub fn brought(header: &str) -> BTreeSet<String> {
     const LANGUAGE: [&str; 11] = [
         "char", "const", "enum", "float", "int32_t", "size_t", "struct", "typedef", "uint32_t", "uint64_t",
@@ -28,7 +28,8 @@ pub fn brought(header: &str) -> BTreeSet<String> {
     while let Some(at) = code.find("(*") {
         code = code[..at].to_owned() + &code[at + 2..].replacen(')', "", 1);
     }
-    // Whether names inside of each open brace or parenthesis are the program's, too: enumerators, not fields or arguments.
+    // For each open brace or parenthesis: whether names inside are added to the program (enumerators are, fields and
+    // arguments are not).
     let (mut open, mut word, mut of_enum) = (Vec::new(), String::new(), false);
     for c in code.chars() {
         if c == '_' || c.is_ascii_alphanumeric() {
@@ -51,17 +52,17 @@ pub fn brought(header: &str) -> BTreeSet<String> {
     names
 }
 
-/// The code of a header alone.
+/// Returns the code of a header without its comments.
 pub fn without_comments(header: &str) -> String {
     header.split("/*").map(|part| part.split_once("*/").map_or(part, |(_, code)| code)).collect()
 }
 
-/// What a program finds defined that links the shared library.
+/// Returns the symbols that a shared library defines for the programs that link it.
 pub fn of_shared(library: &Path) -> BTreeSet<String> {
     defined(Command::new("nm").args(["-D", "--defined-only"]).arg(library))
 }
 
-/// What a program finds defined that links the static library.
+/// Returns the symbols that a static library defines for the programs that link it.
 pub fn of_archive(library: &Path) -> BTreeSet<String> {
     // GNU nm would hand the objects to an LTO plugin, which may be too old for their bitcode.
     defined(Command::new("nm").args(["-g", "--defined-only", "--plugin", "/none"]).arg(library))

@@ -1,12 +1,14 @@
-//! Programs, data and rights that a test needs and a machine may lack.
+//! Tools, data and permissions that a test needs and a machine may lack.
 //!
-//! Tests that need more than Rust and a C and C++ compiler, another tool, target or minutes, run with `NERF_TESTS=all`. A test that is
-//! not asked for, or lacks what it needs, is left out, which is said past the capture of its output, once a test program; one
-//! that is asked for with the environment variable CI set fails instead. `NERF_SKIPPED` names a file that gets a line of each
-//! test left out: its program, the folder it runs in and its name, with tabs between them. `.ci/run` runs these once their
-//! tools are there.
+//! Rust, a C compiler and a C++ compiler are always used. Tests that need another tool, another target or minutes of
+//! time run only with `NERF_TESTS=all`. A test is skipped if it is not requested or lacks what it needs. Each reason
+//! for skipping is printed once per test program, even if the output of tests is captured. If the environment variable
+//! `CI` is set, a requested test that lacks something fails instead.
 //!
-//! The tests of nerf-train have this file as a module of their own.
+//! `NERF_SKIPPED` names a file that receives one line per skipped test: test program, working folder and test name,
+//! separated by tabs. `.ci/run` runs these tests once their tools are installed.
+//!
+//! The tests of nerf-train use this file as a module of their own.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -14,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Mutex;
 
-/// What may be missing, and what is not tested without it.
+/// Items that a machine may lack, each with a description of what is not tested without the item.
 const NEEDS: &[(&str, &str)] = &[
     ("/dev/full", "devices that are full"),
     ("Embree 3", "rays beside Embree's"),
@@ -51,10 +53,11 @@ const NEEDS: &[(&str, &str)] = &[
     ("valgrind", "hosts under valgrind"),
 ];
 
-/// What tests use wherever it is, `NERF_TESTS=all` or not: of the system, or of the compilers that all of them need.
+/// Items of [`NEEDS`] that tests use even without `NERF_TESTS=all`: parts of the system, and of compilers that all
+/// tests need.
 const UNASKED: &[&str] = &["/dev/full", "OpenMP", "g++", "gcc", "mount", "right to mount"];
 
-/// Whether all of these programs are in `PATH`; each that is not is left out as by [`there_is`].
+/// Returns whether [`there_is`] allows the use of all these programs, searched in `PATH`.
 ///
 /// # Panics
 /// As [`there_is`].
@@ -63,11 +66,13 @@ pub fn all_here(tools: &[&str]) -> bool {
     tools.iter().filter(|tool| !there_is(tool, in_path(tool))).count() == 0
 }
 
-/// Whether a test is to use what it needs: it was found, and asked for by `NERF_TESTS=all` where it is not of those that are
-/// used anyway. If not, says so and notes the test as left out.
+/// Returns whether a test can use the item `what` of `NEEDS`. The item must be `found`; unless the item is in
+/// `UNASKED`, `NERF_TESTS=all` must be set, too. If the test cannot use the item, prints the reason and records the
+/// test as skipped.
 ///
 /// # Panics
-/// Where it was asked for and not found, and the environment variable CI is set: CI must not pass by leaving out.
+/// If `what` is not in `NEEDS`, or if a requested item was not found and the environment variable `CI` is set: CI must
+/// not pass by skipping tests.
 pub fn there_is(what: &str, found: bool) -> bool {
     let need = NEEDS.iter().find(|(name, _)| *name == what);
     let (_, untested) = need.unwrap_or_else(|| panic!("expected a name in tools::NEEDS, found {what}"));
@@ -81,11 +86,11 @@ pub fn there_is(what: &str, found: bool) -> bool {
     found
 }
 
-/// A file or folder of the real scenes and networks: in `$NERF_DATA`, or in `../shared/data` beside the workspace; where
-/// it is missing, the test is left out as by [`there_is`].
+/// Returns the path of a file or folder of the real scenes and networks, in `$NERF_DATA` or, by default, in
+/// `../shared/data` beside the workspace. If the path is missing, records the test as skipped and returns `None`.
 ///
 /// # Panics
-/// As [`there_is`].
+/// If the path is missing and the environment variable `CI` is set.
 pub fn data(name: &str) -> Option<PathBuf> {
     let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     let root = std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from);
@@ -104,7 +109,7 @@ fn leave_out(missing: &str, untested: &str) {
     note_left_out(&line);
 }
 
-/// Whether tests are asked for that need another tool or target: `NERF_TESTS=all`.
+/// Returns whether tests that need another tool or target are requested: `NERF_TESTS=all`.
 fn everything() -> bool {
     std::env::var_os("NERF_TESTS").is_some_and(|value| value == "all")
 }
@@ -116,7 +121,7 @@ fn note_left_out(why: &str) {
     }
 }
 
-/// Adds the test that runs to the file of those left out.
+/// Appends the running test to `file`, the list of skipped tests.
 fn note(file: &Path) {
     let program = std::env::current_exe().expect("a path");
     let folder = std::env::current_dir().expect("a folder");
@@ -128,7 +133,7 @@ fn note(file: &Path) {
     opened.and_then(|mut file| file.write_all(line.as_bytes())).expect("NERF_SKIPPED can be written");
 }
 
-/// Says on stderr what is left out and why, once a program.
+/// Prints to stderr why a test is skipped; each reason once per program.
 pub fn say_skipped(why: &str) {
     static SAID: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     if SAID.lock().expect("nothing panics in there").insert(why.into()) {
@@ -137,20 +142,20 @@ pub fn say_skipped(why: &str) {
     }
 }
 
-/// Whether a program is in one of the folders of `PATH`.
+/// Returns whether a program is in one of the folders of `PATH`.
 fn in_path(program: &str) -> bool {
     let name = format!("{program}{}", std::env::consts::EXE_SUFFIX);
     let path = std::env::var_os("PATH").unwrap_or_default();
     std::env::split_paths(&path).any(|folder| folder.join(&name).is_file())
 }
 
-/// Whether `command --version` works.
+/// Returns whether `command --version` succeeds.
 pub fn runs(command: &[&str]) -> bool {
     let output = Command::new(command[0]).args(&command[1..]).arg("--version").output();
     output.is_ok_and(|output| output.status.success())
 }
 
-/// Whether tests are to take the minutes that the whole of what they check takes: `NERF_LONG=1`.
+/// Returns whether tests run their complete checks, which take minutes: `NERF_LONG=1`.
 pub fn long() -> bool {
     std::env::var_os("NERF_LONG").is_some_and(|value| value == "1")
 }

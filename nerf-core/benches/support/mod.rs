@@ -1,10 +1,10 @@
-//! What the benchmarks share: a clock that runs against the FMA peak, and networks to run.
+//! Support for the benchmarks: time measurement relative to the FMA peak, and networks to run.
 //!
-//! A share of the peak only means something if both were measured under the same conditions, and a
-//! machine's clock drifts by more than kernels differ. So every line alternates short bursts of pure
-//! multiply-adds with bursts of the work, and sets the fastest of one against the fastest of the other:
-//! what neither criterion nor divan can print, and why this harness is its own. The median over the pairs
-//! stands beside it; where the two are far apart, the machine was not quiet.
+//! The peak is the measured rate of pure multiply-adds. A share of the peak is meaningful only if work and peak are
+//! measured under the same conditions, and a machine's clock frequency drifts by more than the speeds of kernels
+//! differ. Each line of a table therefore alternates short bursts of multiply-adds with bursts of the work. The printed
+//! share compares the fastest burst of each kind; criterion and divan cannot print such a share. The median share over
+//! all pairs of bursts is printed next to it. If the two differ much, other programs were running.
 #![allow(dead_code, reason = "every benchmark uses its own part")]
 
 pub mod networks;
@@ -16,17 +16,17 @@ use peak::Peak;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Pairs of bursts behind a line.
+/// Number of pairs of bursts (multiply-adds, then work) per line.
 const ROUNDS: usize = 15;
-/// Length of a burst of the work, seconds, where one call is shorter.
+/// Least length of a burst of the work, seconds. Shorter calls are repeated.
 const BURST: f64 = 4e-3;
-/// A call longer than this is measured in fewer rounds.
+/// Length of a call, seconds, above which it is measured in only 3 rounds.
 const LONG: f64 = 0.1;
 
-/// The lines of one benchmark, as a Markdown table on standard output.
+/// Results of one benchmark, printed as a Markdown table to standard output.
 ///
-/// Arguments: words, of which a line's name must contain one; `--smoke` runs everything once and
-/// measures nothing worth reading.
+/// Command-line arguments: words, of which the name of a line must contain at least one, else the line is skipped.
+/// `--smoke` runs each line once, as a test that the benchmark works; the printed time is not a measurement.
 pub struct Table {
     filters: Vec<String>,
     smoke: bool,
@@ -34,7 +34,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Reads the arguments and prints the head of the table.
+    /// Reads the command-line arguments and prints the header of the table.
     pub fn new() -> Self {
         let arguments: Vec<String> = std::env::args().skip(1).collect();
         let filters = arguments.iter().filter(|word| !word.starts_with('-')).cloned().collect();
@@ -43,12 +43,14 @@ impl Table {
         Self { filters, smoke: arguments.iter().any(|word| word == "--smoke"), peaks: Vec::new() }
     }
 
-    /// Whether the arguments ask for the line of that name.
+    /// Whether the line `name` is requested: if `name` contains a word of the arguments, or if the arguments have no
+    /// words.
     pub fn wants(&self, name: &str) -> bool {
         self.filters.is_empty() || self.filters.iter().any(|word| name.contains(word))
     }
 
-    /// Measures `work`, `flop` operations a call, against the peak of `kernel` on `threads` threads.
+    /// Measures `work` and prints the line `name`: time per call, and rate as a share of the peak of `kernel` on
+    /// `threads` threads. `flop`: floating-point operations per call.
     pub fn line(&mut self, name: &str, kernel: Kernel, threads: usize, flop: f64, mut work: impl FnMut()) {
         if !self.wants(name) || !kernel.available() {
             return;
@@ -96,18 +98,18 @@ impl Table {
     }
 }
 
-/// The kernels of this machine.
+/// Iterates over the kernels that this machine supports.
 pub fn kernels() -> impl Iterator<Item = Kernel> {
     Kernel::all()
 }
 
-/// Repeatable values in [-1, 1).
+/// Returns `n` pseudorandom values in `[-1, 1)`; equal seeds give equal values.
 pub fn noise(n: usize, seed: u32) -> Vec<f32> {
     let unit = |i| uniform(seed.into(), Purpose::Parameters, 0, i as u64);
     black_box((0..n).map(|i| 2.0 * unit(i) - 1.0).collect())
 }
 
-/// A duration in the unit that suits it.
+/// Formats a duration of `s` seconds in ns, µs, ms or s.
 fn seconds(s: f64) -> String {
     match s {
         s if s < 1e-6 => format!("{:.1} ns", s * 1e9),

@@ -1,5 +1,5 @@
-//! The seed network with random weights, and a scene around it. A dense frame's time does not depend on
-//! weights; a culled frame's depends on the occupancy grid.
+//! The seed network with random weights, and a scene that contains it. The time of a dense frame does not depend on the
+//! weights; the time of a frame that skips empty space depends on the occupancy grid.
 
 use super::noise;
 use nerf_core::blob::{
@@ -9,15 +9,17 @@ use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::network::{Architecture, DensityActivation, Scratch, Shading, TrunkLayer};
 use nerf_core::{Camera, Intrinsics, Lens, Pose};
 
-/// Cells of the occupancy grid along each axis.
+/// Number of cells of the occupancy grid along each axis.
 const CELLS: u16 = 96;
 
-/// An encoding with identity and `s = π`.
+/// Sinusoidal encoding of 3 inputs with `levels` levels. The scale `s` is π, and the inputs themselves are encoded,
+/// too.
 pub const fn pi(levels: u8) -> SinusoidalEncoding {
     SinusoidalEncoding { inputs: 3, levels, scale: AngleScale::Pi, identity: true }
 }
 
-/// 8×256 with the encoded position appended after four layers, L = 10/4, a colour layer of 128.
+/// Architecture of the seed network: 8 trunk layers of 256, with the encoded position appended after four layers; 10
+/// levels of position encoding and 4 of direction encoding; a colour layer of 128.
 pub fn seed() -> Architecture {
     Architecture {
         position: pi(10).into(),
@@ -29,7 +31,8 @@ pub fn seed() -> Architecture {
     }
 }
 
-/// Parameters of the size a fitted network has: He's deviation, biases around 0.1.
+/// Random parameters as large as those of a fitted network: weights of standard deviation √(2 / inputs) (He), biases
+/// around 0.1.
 pub fn parameters(architecture: &Architecture) -> Vec<f32> {
     let mut all = noise(architecture.parameters(), 1);
     for layer in &architecture.layers() {
@@ -40,14 +43,14 @@ pub fn parameters(architecture: &Architecture) -> Vec<f32> {
     all
 }
 
-/// The same as little-endian f16.
+/// Returns [`parameters`] as little-endian f16.
 pub fn halves(architecture: &Architecture) -> Vec<u8> {
     let halves = parameters(architecture).into_iter().map(half::f16::from_f32);
     halves.flat_map(|h| h.to_le_bytes()).collect()
 }
 
-/// The file of the seed network: every sample of every ray lies in its box, and in 4 of 100 cells of its
-/// occupancy grid, a spherical shell, as in a scene fitted behind an occupancy grid.
+/// Blob of the seed network in a box so large that it contains all samples of [`camera`]'s rays. In the occupancy grid,
+/// a spherical shell is occupied, 3.2 % of the cells, as in a scene fitted with an occupancy grid.
 pub fn file() -> Vec<u8> {
     let architecture = seed();
     let weights = halves(&architecture);
@@ -91,7 +94,7 @@ pub fn file() -> Vec<u8> {
     file
 }
 
-/// A point of a front that nobody measured: samples, dB lost, cost.
+/// Makes a point of an invented Pareto front from its number of samples, PSNR loss in dB and relative cost.
 fn point((samples, loss_db, cost): (u16, f32, f32)) -> FrontPoint {
     FrontPoint {
         samples,
@@ -105,14 +108,14 @@ fn point((samples, loss_db, cost): (u16, f32, f32)) -> FrontPoint {
     }
 }
 
-/// The bench's view of it, in `side`×`side` pixels.
+/// Camera that looks at the middle of the scene of [`file`]; the image has `side` × `side` pixels.
 pub fn camera(side: u32) -> Camera {
     let pose = Pose::look_at([2.4, 1.6, 2.8].into(), [0.0; 3].into(), [0.0, 1.0, 0.0].into());
     let intrinsics = Intrinsics::centred(side, side, 1.39 * side as f32);
     Camera::new(intrinsics, Lens::NONE, pose.expect("a pose")).expect("a camera")
 }
 
-/// Activations of one block of `stride` samples.
+/// Buffers for the activations of one block of `stride` samples.
 pub struct Activations {
     stride: usize,
     encoded: Vec<f32>,
@@ -121,7 +124,8 @@ pub struct Activations {
 }
 
 impl Activations {
-    /// Memory for a block of a network that needs so many rows.
+    /// Allocates the buffers of a block of `stride` samples. `encoded_rows`: number of encoded inputs.
+    /// `activation_rows`: largest number of activations of a layer.
     pub fn new(stride: usize, encoded_rows: usize, activation_rows: usize) -> Self {
         let activation = vec![0.0; activation_rows * stride];
         Self {
@@ -132,7 +136,7 @@ impl Activations {
         }
     }
 
-    /// As the network takes it.
+    /// Borrows the buffers as the scratch memory of a network.
     pub fn scratch(&mut self) -> Scratch<'_> {
         Scratch {
             stride: self.stride,

@@ -1,4 +1,4 @@
-//! The multiply-adds a kernel can do at most, measured: independent chains that never leave registers.
+//! Peak rate of a kernel's multiply-adds, measured with independent chains of operations on registers.
 
 use nerf_core::Kernel;
 use nerf_core::simd::{Lanes, Op};
@@ -6,21 +6,21 @@ use std::hint::black_box;
 use std::sync::Barrier;
 use std::time::Instant;
 
-/// Length of a burst, seconds.
+/// Length of a burst of multiply-adds, seconds.
 const BURST: f64 = 1e-3;
 
-/// A way to keep every multiply-add unit of some threads busy.
+/// Loop of multiply-adds that keeps all multiply-add units busy, on each of `threads` threads.
 #[derive(Clone, Copy, Debug)]
 pub struct Peak {
     kernel: Kernel,
     threads: usize,
-    /// Chains side by side: enough to hide the latency, few enough for the registers.
+    /// Number of independent chains: enough to hide the latency, few enough to fit in registers.
     chains: usize,
     steps: u32,
 }
 
 impl Peak {
-    /// The best loop for `kernel`, found by trying.
+    /// Returns the fastest loop for `kernel`, found by timing several numbers of chains.
     pub fn of(kernel: Kernel, threads: usize) -> Self {
         let with = |chains| {
             let short = Self { kernel, threads: 1, chains, steps: 10_000 };
@@ -32,7 +32,7 @@ impl Peak {
         Self { threads, ..best.expect("there are candidates").1 }
     }
 
-    /// FLOP a second of all threads together, now.
+    /// Measures the current rate of all threads together, floating-point operations per second.
     pub fn rate(&self) -> f64 {
         if self.threads == 1 {
             let (flop, seconds) = self.burst();
@@ -50,7 +50,7 @@ impl Peak {
         })
     }
 
-    /// FLOP done, and the seconds they took.
+    /// Runs one burst on the current thread. Returns its number of floating-point operations and its time in seconds.
     fn burst(&self) -> (f64, f64) {
         let start = Instant::now();
         let flop = match self.chains {
@@ -64,7 +64,8 @@ impl Peak {
     }
 }
 
-/// `N` chains of `x = x · ½ + 1`, so many steps; gives the FLOP it took.
+/// Vector loop of `N` independent chains `x = x · ½ + 1`. The field is the number of steps. Returns the number of
+/// floating-point operations.
 struct Chains<const N: usize>(u32);
 
 impl<const N: usize> Op for Chains<N> {
@@ -72,7 +73,7 @@ impl<const N: usize> Op for Chains<N> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) -> f64 {
-        // Opaque and different, or the compiler computes one chain, or none.
+        // Values are different and hidden by `black_box`: otherwise the compiler would compute only one chain, or none.
         let (scale, offset) = (V::splat(black_box(0.5)), V::splat(black_box(1.0)));
         let mut chains: [V; N] = core::array::from_fn(|i| V::splat(black_box(i as f32)));
         for _ in 0..self.0 {

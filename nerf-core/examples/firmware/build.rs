@@ -1,4 +1,4 @@
-//! Where the scene and the memory map are.
+//! Build script: passes the paths of the scene and of the linker scripts to the compiler.
 
 use std::env::var;
 

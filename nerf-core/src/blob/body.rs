@@ -1,4 +1,4 @@
-//! Plain data of a blob (a `*.nerf` file): everything after the file's header.
+//! Data types of a blob's body: everything in a `*.nerf` file after the header.
 
 use crate::encoding::{GridEncoding, SinusoidalEncoding};
 use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
@@ -53,7 +53,7 @@ impl<'a> Body<'a> {
     }
 }
 
-/// The table values of a grid encoding, as stored in the file: sorted by level, then by entry, then by feature.
+/// The table values of a grid encoding, as stored in the file: ordered by level, then by entry, then by feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StoredTables<'a> {
     /// Finite values, each as little-endian f16.
@@ -172,7 +172,7 @@ pub enum SceneSampling {
     /// network places.
     Bins(u16),
     /// Equal steps inside the scene box, from the ray's entry to the ray's exit. The value is the length of a step,
-    /// world units: finite and above 0. The box's diagonal must have at most [`MAX_SAMPLES`] steps.
+    /// world units: finite and above 0. The box's diagonal must be at most [`MAX_SAMPLES`] steps long.
     March(f32),
     /// Steps through unbounded space, which [`Contraction`] maps into the scene box. Steps are equal in the inner ball,
     /// where space is not contracted, and grow outside. Samples begin at distance `near` from the ray's origin, and end
@@ -223,9 +223,9 @@ impl SceneFacts {
         SceneBox { min: Vec3::from(self.min), max: Vec3::from(self.max) }
     }
 
-    /// Length, in positions `s` of [`Contraction::distance`], of a ray through the middle of the contraction's inner
-    /// ball: from the ray's entry into the ball to distance `far` past the middle. Inside the ball, one unit of `s` is
-    /// one radius of the ball. 0 in a bounded scene.
+    /// Length of a ray through the middle of the contraction's inner ball, from the ray's entry into the ball to
+    /// distance `far` past the middle. The unit is that of `s` in [`Contraction::distance`]: inside the ball, one
+    /// radius of the ball. 0 in a bounded scene.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }
@@ -249,8 +249,8 @@ pub(crate) fn steps(length: f32, step: f32) -> u32 {
 pub struct StoredOccupancy<'a> {
     /// Number of cells along x, y, z.
     pub resolution: [u16; 3],
-    /// One bit per cell. The bit of cell (x, y, z) of nx × ny × nz cells has the index `i = (x * ny + y) * nz + z`: bit
-    /// `i % 8` of byte `i / 8`, counted from the least significant bit. Padding bits are 0.
+    /// One bit for each of nx × ny × nz cells. Cell (x, y, z) has the index `i = (x * ny + y) * nz + z`. The cell's bit
+    /// is bit `i % 8` of byte `i / 8`, where bit 0 is the least significant. Padding bits are 0.
     #[serde(serialize_with = "as_bytes")]
     pub bits: &'a [u8],
 }
@@ -266,28 +266,29 @@ impl StoredOccupancy<'_> {
 /// The Pareto front of a scene's render settings: PSNR against multiply-adds, most expensive point first.
 pub type ParetoFront = heapless::Vec<FrontPoint, MAX_FRONT>;
 
-/// A point of a scene's Pareto front: the settings of a [`Quality`](crate::plan::Quality), with the PSNR and the cost
-/// of these settings relative to the exact rendering. Of two points of a front, the cheaper never has the higher PSNR.
-/// The cost is counted in multiply-adds, not in time, since a time depends on the host.
+/// A point of a scene's Pareto front: the settings of a [`Quality`](crate::plan::Quality), and their PSNR loss and cost
+/// relative to the exact rendering. Of two points of a front, the cheaper never has the higher PSNR. The cost is
+/// counted in multiply-adds, not in time, since a time depends on the host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrontPoint {
     /// Samples per ray, 1 to [`MAX_SAMPLES`].
     pub samples: u16,
-    /// Transmittance below which a ray ends, `[0, 1)`.
+    /// Transmittance below which early ray termination ends a ray, `[0, 1)`.
     pub transmittance_cut: f32,
-    /// Compositing weight, summed over consecutive samples, above which a colour is evaluated, `[0, 1)`: see
-    /// [`Quality::colour_cut`](crate::plan::Quality::colour_cut).
+    /// Threshold of compositing weight above which a colour is evaluated, `[0, 1)`. The weight is summed over
+    /// consecutive samples: see [`Quality::colour_cut`](crate::plan::Quality::colour_cut).
     pub colour_cut: f32,
     /// Whether empty cells of the occupancy grid are skipped; true only in a scene with an occupancy grid.
     pub occupancy: bool,
-    /// Tag of the backend that computes exp, sin and the like: [`MathBackend::tag`](crate::math::MathBackend::tag).
+    /// Tag of the backend that computes exp, sin and cos: [`MathBackend::tag`](crate::math::MathBackend::tag).
     pub math: u8,
     /// Whether the proposal network places the samples; true only in a scene with a proposal network.
     pub proposal: bool,
     /// PSNR of the exact rendering ([`Quality::exact`](crate::plan::Quality::exact)) minus PSNR with these settings,
     /// dB. Each PSNR is a mean over the same photographs. Negative if these settings give the higher PSNR.
     pub loss_db: f32,
-    /// Multiply-adds with these settings divided by those of the exact rendering, over the same views; above 0.
+    /// Multiply-adds with these settings divided by multiply-adds of the exact rendering, both over the same views;
+    /// above 0.
     pub cost: f32,
 }
 
@@ -304,7 +305,7 @@ pub struct Proposal<'a> {
     /// Hidden layers of the trunk, in order. The first layer takes the encoded position alone. A later layer takes the
     /// previous layer's output, and also the encoded position if the layer has a skip connection.
     pub trunk: heapless::Vec<TrunkLayer, MAX_TRUNK>,
-    /// Activation of the density head.
+    /// Activation that maps the density head's output to a density.
     pub density: DensityActivation,
     /// Number of samples per ray at which the proposal network is evaluated. The range `near..far` is divided into this
     /// many equal bins, with one sample in each.
@@ -344,8 +345,8 @@ pub struct Provenance<'a> {
     pub psnr_db: Option<f32>,
     /// Text that says how the PSNR was measured: views, background, samples.
     pub psnr_convention: &'a str,
-    /// Decrease of the PSNR over the validation views that is caused by rounding weights and tables to their stored
-    /// format, dB. Negative if rounding increases the PSNR; `None` if not measured.
+    /// PSNR over the validation views before weights and tables are rounded to their stored format, minus PSNR after
+    /// rounding, dB. Negative if rounding increases the PSNR; `None` if not measured.
     pub quantisation_loss_db: Option<f32>,
     /// Number of trained parameters, counted before the export merges successive linear layers.
     pub trained_parameters: u32,

@@ -22,7 +22,7 @@ pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     check_coded(body)
 }
 
-/// Checks entropy-coded tables by decoding all values.
+/// Checks entropy-coded tables by decoding all values; accepts a body without entropy-coded tables.
 pub(super) fn check_coded(body: &Body<'_>) -> Result<(), BlobError> {
     body.coded().map_or(Ok(()), |(grid, bytes)| coded::decode_tables(grid, bytes, |_| {}))
 }
@@ -208,7 +208,7 @@ fn check_length(section: Section, expected: usize, bytes: &[u8]) -> Result<(), B
     if expected == found { Ok(()) } else { Err(BlobError::Length { section, expected, found }) }
 }
 
-/// Index of the first of the little-endian f16 in `bytes` that is infinite or NaN; `None` if all are finite.
+/// Index of the first infinite or NaN value in `bytes`, a list of little-endian f16; `None` if all values are finite.
 fn first_not_finite(bytes: &[u8]) -> Option<usize> {
     // An f16 is finite unless its five exponent bits are all set.
     bytes.as_chunks().0.iter().position(|&[_, high]| high & 0x7c == 0x7c)

@@ -14,7 +14,7 @@ use crate::encoding::GridEncoding;
 
 /// Number of different symbols. A symbol is a number of 4 bits.
 const SYMBOLS: usize = 16;
-/// Binary logarithm of the total length of the intervals of a [`Model`]: probabilities are multiples of 2^-15.
+/// Binary logarithm of the total length of a [`Model`]'s intervals. Probabilities are multiples of 2^-15.
 const BITS: u32 = 15;
 /// Smallest state of the rANS coder between two symbols; also the encoder's initial state.
 const LEAST: u32 = 1 << 16;
@@ -22,8 +22,8 @@ const LEAST: u32 = 1 << 16;
 const OFFSET: u8 = 0x88;
 /// Upper 4 bits of every small value (-8 to 7) after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of magnitude classes that the entropy coder distinguishes. The class for the next value depends on the sum of
-/// two magnitudes: of the previous value, and of the same feature's value in the previous table entry.
+/// Number of magnitude classes that the entropy coder distinguishes. The next value's class depends on the magnitude of
+/// the previous value plus the magnitude of the same feature's value in the previous table entry.
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
@@ -65,7 +65,7 @@ impl Model {
         four + reached(four + 1) + reached(four + 2) + reached(four + 3)
     }
 
-    /// Returns beginning and length of a symbol's interval. The length is at least 1.
+    /// Returns the beginning and the length of the symbol's interval. The length is at least 1.
     #[inline(always)]
     fn interval(&self, symbol: usize) -> (u32, u32) {
         let begin = self.begins[symbol] as u32;
@@ -104,8 +104,9 @@ impl Models {
         Self { models, last: [0; MAX_FEATURES], features, feature: 0 }
     }
 
-    /// Encodes or decodes one value as two symbols. For each symbol, calls `code` with the symbol's model. `code`
-    /// returns the symbol, and the model adapts to it. Returns the value; `None` if `code` returns `None`.
+    /// Encodes or decodes one value as two symbols: upper half, then lower half. For each symbol, calls `code` with the
+    /// symbol's model and half. `code` returns the symbol, and the model adapts to this symbol. Returns the value;
+    /// `None` if `code` returns `None`.
     #[inline(always)]
     fn value(&mut self, mut code: impl FnMut(&Model, Half) -> Option<usize>) -> Option<u8> {
         let magnitude = |value: u8| u32::from(value.cast_signed().unsigned_abs());

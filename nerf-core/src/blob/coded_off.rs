@@ -1,4 +1,4 @@
-//! Replaces `coded.rs` in builds without the feature `coded`: entropy-coded tables are refused.
+//! Replacement of `coded.rs` in builds without the feature `coded`, which refuse entropy-coded tables.
 
 use super::error::BlobError;
 use crate::encoding::GridEncoding;

@@ -62,13 +62,13 @@ impl fmt::Display for Section {
 }
 
 errors! {
-    /// A fault of one point of a blob's Pareto front.
+    /// Reason why a point of a blob's Pareto front is invalid.
     FrontFault:
     Samples { found: u16 } => "samples: expected 1 to {MAX_SAMPLES} bins of some width, found {found}";
     TransmittanceCut { found: f32 } => "transmittance_cut: expected 0 <= cut < 1, found {found}";
     ColourCut { found: f32 } => "colour_cut: expected 0 <= cut < 1, found {found}";
-    /// Either the front point uses an occupancy grid and the scene has none, or the scene requires its occupancy grid
-    /// and the front point does not use it. `found`: whether the front point uses an occupancy grid.
+    /// The front point uses an occupancy grid in a scene that has none, or does not use the occupancy grid that the
+    /// scene requires. `found`: whether the front point uses an occupancy grid.
     Occupancy { found: bool } =>
         "occupancy: expected {expected}",
         expected = match found {

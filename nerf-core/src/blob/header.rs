@@ -5,7 +5,8 @@ use crate::errors::ensure;
 use core::ops::Range;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
-/// First bytes of every blob. They contain a line ending, as in PNG, so that damage by a copy in text mode is found.
+/// First bytes of every blob. They contain a line ending, as in PNG: a copy in text mode changes the line ending, and
+/// the damaged file is refused.
 pub const MAGIC: [u8; 8] = *b"\x89NERF\r\n\x1a";
 /// Format version that this build writes, and the only version that it reads: no earlier version was released.
 pub const FORMAT_VERSION: u16 = 7;
@@ -16,8 +17,8 @@ const VERSION: Range<usize> = 8..10;
 const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
-/// Position in the header of the CRC-32 (ISO-HDLC) of header and body. The CRC is computed with zeros in place of the
-/// header's bytes from `CHECKSUM` on.
+/// Byte range of the CRC-32 (ISO-HDLC) in the header. The CRC covers header and body, with zeros in place of the
+/// header's last 8 bytes.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 

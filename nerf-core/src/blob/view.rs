@@ -77,8 +77,8 @@ impl<'a> Blob<'a> {
         Ok(Self { body })
     }
 
-    /// Opens a blob whose bytes [`Blob::open`] or [`Blob::open_undecoded`] has accepted before, without another check.
-    /// Can fail only if the bytes were not accepted.
+    /// Opens a blob without checks. The caller ensures that [`Blob::open`] or [`Blob::open_undecoded`] has accepted the
+    /// bytes before; the function then does not fail.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn decode(bytes: &'a [u8]) -> Result<Self, BlobError> {
         let mut input = Deserializer::from_bytes(bytes.get(header::HEADER_LEN..).unwrap_or_default());
@@ -91,8 +91,8 @@ impl<'a> Blob<'a> {
         self
     }
 
-    /// Address of the weights, by which a renderer checks that a plan was made for this blob. Two blobs that exist
-    /// at the same time have equal addresses only if they borrow the same bytes.
+    /// Address of the weights, which identifies the blob: a renderer compares addresses to check that a plan was made
+    /// for its blob. Two blobs that exist at the same time have equal addresses only if both borrow the same bytes.
     pub(crate) fn identity(&self) -> usize {
         self.body.weights.as_ptr().addr()
     }
@@ -184,7 +184,8 @@ fn read<'a, T: Deserialize<'a>>(
     T::deserialize(input).map_err(|_| BlobError::Body(section))
 }
 
-/// Checks that the file's body `bytes` equal the bytes that writing `body` gives: a body has only one valid encoding.
+/// Checks that `bytes`, from which `body` was read, equal the bytes that are written for `body`. A body has only one
+/// valid encoding.
 fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     let mut rest = bytes;
     match postcard::serialize_with_flavor(body, Compare { rest: &mut rest }) {

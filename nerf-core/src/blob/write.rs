@@ -5,7 +5,7 @@ use super::check::check;
 use super::error::BlobError;
 use super::header::{self, HEADER_LEN};
 
-/// Number of bytes of the blob that [`write()`] makes of `body`.
+/// Length, bytes, of the blob that [`write()`] writes for `body`.
 ///
 /// # Errors
 /// The errors of [`write()`], except [`BlobError::Space`].

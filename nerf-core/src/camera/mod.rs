@@ -1,4 +1,4 @@
-//! From pixels to rays: intrinsics, lens and camera-to-world pose.
+//! Cameras, which map pixels to rays: intrinsics, lens distortion and camera-to-world pose.
 
 mod lens;
 mod pinhole;
@@ -14,8 +14,8 @@ mod tests;
 
 /// Maximum side of an image, pixels: up to this size the centre of every pixel is exact in f32.
 pub const MAX_IMAGE_SIDE: u32 = 1 << 23;
-/// Maximum distance of an image point from the principal point along x or y, in focal lengths; the square of the
-/// distance is well within the range of f32.
+/// Maximum distance of an image point from the principal point along x or y, in focal lengths. Up to this distance, the
+/// square of the distance is well within the range of f32.
 const MAX_NORMALISED: f32 = 1e9;
 
 /// A half line in world space.
@@ -80,7 +80,7 @@ impl Pose {
         Self { rotation: Mat3::from_cols(column(0), column(1), column(2)), position: column(3) }
     }
 
-    /// The upper three rows of the row-major camera-to-world matrix.
+    /// Returns the upper three rows of the row-major camera-to-world matrix.
     pub fn to_rows(&self) -> [[f32; 4]; 3] {
         let (m, p) = (self.rotation, self.position);
         [
@@ -121,7 +121,7 @@ impl Pose {
         }
     }
 
-    /// The unit vector the camera looks along, in world space.
+    /// View direction of the camera: a unit vector in world space.
     pub fn forward(&self) -> Vec3 {
         // A pose is a rotation only within 1e-3, so that the axis needs normalisation.
         (-self.rotation.z_axis).normalize_or_zero()
@@ -292,7 +292,8 @@ impl Camera {
         self.towards(self.lens.straighten(u, v))
     }
 
-    /// Returns the ray from the camera along `dir` (right, down, forward; of any length), given in camera coordinates.
+    /// Returns the ray from the camera along the direction `dir`, in camera coordinates (right, down, forward; of any
+    /// length).
     fn towards(&self, dir: Vec3) -> Ray {
         let local = Vec3::new(dir.x, -dir.y, -dir.z);
         let dir = self.pose.rotation * local;
@@ -346,7 +347,7 @@ impl Camera {
 }
 
 errors! {
-    /// Invalid parameters of a camera.
+    /// Reason why the parameters of a camera are invalid.
     CameraError:
     ImageSize { width: u32, height: u32 } =>
         "image size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";

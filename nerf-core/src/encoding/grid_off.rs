@@ -1,4 +1,4 @@
-//! Replaces `grid` in builds without the feature `grid`: there is no grid encoding and no code for one.
+//! Replacement of the module `grid` in builds without the feature `grid`, which support no grid encoding.
 
 use super::TableValues;
 use crate::absent::absent;

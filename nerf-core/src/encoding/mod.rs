@@ -1,4 +1,4 @@
-//! Encodings of a position, for the network's first layer, and of a viewing direction, for its colour branch.
+//! Encodings of a position, for the network's first layer, and of a viewing direction, for the colour branch.
 
 #[cfg(feature = "grid")]
 mod grid;
@@ -31,7 +31,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "there is one for each network, and no heap to put it on")]
 pub enum PositionEncoding {
-    /// Sines and cosines of each coordinate.
+    /// Sines and cosines of each coordinate at several frequencies.
     Sinusoidal(SinusoidalEncoding),
     /// A multiresolution grid: interpolated entries of learned tables. In builds without the feature `grid`, this
     /// variant cannot be constructed.
@@ -81,7 +81,7 @@ impl From<SinusoidalEncoding> for PositionEncoding {
 /// Encoding of a viewing direction: computes inputs of the colour branch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DirectionEncoding {
-    /// Sines and cosines of each coordinate.
+    /// Sines and cosines of each coordinate at several frequencies.
     Sinusoidal(SinusoidalEncoding),
     /// Real spherical harmonics. Builds without the feature `grid` refuse networks with this encoding.
     SphericalHarmonics {

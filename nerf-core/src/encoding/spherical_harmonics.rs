@@ -17,7 +17,8 @@ pub const MAX_HARMONICS_DEGREE: u8 = 4;
 ///
 /// `dirs`: `[3][stride]`, unit length. `out`: `[degree²][stride]`. Row `l² + l + m` of `out` is `Y_l^m`, orthonormal
 /// over the sphere, with the Condon–Shortley phase. Rows 0 to 3: `½ √(1/π)`, `−√(3/4π) y`, `√(3/4π) z`, `−√(3/4π) x`.
-/// `stride`: number of directions. Unless it is a multiple of [`Isa::columns`], all directions are encoded one by one.
+/// `stride`: number of directions. If `stride` is not a multiple of [`Isa::columns`], directions are encoded one by
+/// one.
 ///
 /// # Accuracy
 /// Absolute error of at most 5e-7, for directions of unit length.

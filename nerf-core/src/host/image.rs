@@ -27,16 +27,16 @@ pub struct Image {
     pub height: usize,
     /// Colour over the background (red, green, blue): sRGB-encoded, in `[0, 1]`; or, if requested, linear light.
     pub rgb: Vec<[f32; 3]>,
-    /// Opacity, `[0, 1]`.
+    /// Opacity, the sum of the compositing weights, `[0, 1]`.
     pub opacity: Vec<f32>,
-    /// Mean of the samples' distances along the ray, weighted by their compositing weights, world units. In a pixel
-    /// without a surface, the frame's far distance ([`Plan::far_from`](crate::plan::Plan::far_from)).
+    /// Mean of the samples' distances along the ray, weighted by compositing weight, world units. In a pixel without a
+    /// surface, the background distance ([`Plan::far_from`](crate::plan::Plan::far_from)).
     pub ray_distance: Vec<f32>,
     /// Mean distance along the view axis, world units: `ray_distance` times the cosine between ray and view axis. In a
-    /// pixel without a surface, the frame's far distance.
+    /// pixel without a surface, the background distance ([`Plan::far_from`](crate::plan::Plan::far_from)).
     pub z_depth: Vec<f32>,
-    /// First distance along the ray at which transmittance is below one half, world units. If there is none, the
-    /// frame's far distance.
+    /// First distance along the ray at which the transmittance is below one half, world units. If the transmittance
+    /// stays at or above one half, the background distance ([`Plan::far_from`](crate::plan::Plan::far_from)).
     pub median_distance: Vec<f32>,
     /// Normals in world space, unit length; 0 in a pixel without a surface.
     pub normals: Vec<[f32; 3]>,

@@ -47,7 +47,7 @@ impl<'s> Request<'s> {
         self
     }
 
-    /// Renders an image.
+    /// Renders the whole image of `camera`.
     ///
     /// # Errors
     /// [`HostError::Plan`] if a setting is invalid or unsupported; [`HostError::Render`] if there is not enough memory.
@@ -60,8 +60,9 @@ impl<'s> Request<'s> {
     /// Renders one pixel per ray. `axis`: unit vector along which `z_depth` is measured; with `None`, `z_depth` is 0.
     ///
     /// # Errors
-    /// [`HostError::Plan`] as in [`Request::render`]. [`HostError::Render`], with the ray's index, if a ray is invalid;
-    /// also if `axis` is not of unit length, or if anti-aliasing or depth of field is set, which need a camera.
+    /// - [`HostError::Plan`] if a setting is invalid or unsupported
+    /// - [`HostError::Render`] if a ray is invalid (the error has the ray's index), if `axis` is not of unit length, or
+    ///   if anti-aliasing or depth of field is set, which need a camera
     pub fn render_rays(&self, rays: &[RaySegment], axis: Option<Vec3>) -> Result<Vec<Pixel>, HostError> {
         let renderer = self.scene.renderer();
         // The batch is no larger than the number of rays, to save memory.

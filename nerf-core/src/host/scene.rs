@@ -62,7 +62,7 @@ impl Scene {
     /// or build does not support `kernel`.
     ///
     /// # Errors
-    /// As [`Scene::from_bytes`].
+    /// [`BlobError`] if the bytes are not a file that this build can open. The error says what was expected and found.
     pub fn for_kernel(bytes: impl Into<Box<[u8]>>, kernel: Kernel) -> Result<Self, BlobError> {
         let bytes = bytes.into();
         let kernel = if kernel.available() { kernel } else { Kernel::IN_PLACE };
@@ -98,7 +98,7 @@ impl Scene {
         self.request().render(camera)
     }
 
-    /// Returns a request to render this scene; settings that the caller does not set are those of [`Scene::render`].
+    /// Returns a request to render this scene. Settings that the caller does not set are as in [`Scene::render`].
     pub fn request(&self) -> Request<'_> {
         Request::new(self)
     }

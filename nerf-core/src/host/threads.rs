@@ -1,4 +1,5 @@
-//! Rendering of one frame on many threads: each thread takes the next tile, and stores the tile's pixels under a lock.
+//! Rendering on several threads. Each thread repeatedly takes the next tile, band of rows or chunk of rays, renders the
+//! pixels, and stores the pixels under a lock.
 
 use super::Image;
 use super::image::plane;
@@ -56,7 +57,7 @@ pub fn render(
 /// [`Worker::render_rays`]: crate::render::Worker::render_rays
 ///
 /// # Errors
-/// As [`Worker::render_rays`], [`RenderError::OtherScene`] if the plan was made for another scene, and
+/// The errors of [`Worker::render_rays`]. Also [`RenderError::OtherScene`] if the plan was made for another scene, and
 /// [`RenderError::ImageMemory`] if there is not enough memory for the pixels.
 pub fn render_rays(
     renderer: &Renderer<'_>,

@@ -29,8 +29,9 @@ pub enum Elementary {
 }
 
 impl Elementary {
-    /// Writes the function of `x[i]` to `out[i]`, computed by backend `math` with instruction set `isa`. Values after
-    /// the last whole group of 16 are computed one by one. Values of `out` beyond the length of `x` are left unchanged.
+    /// Applies the function to each `x[i]` and writes the result to `out[i]`, with backend `math` and instruction set
+    /// `isa`. Values after the last whole group of 16 are computed one by one. Values of `out` beyond the length of `x`
+    /// are left unchanged.
     pub fn apply(self, isa: Isa, math: MathBackend, x: &[f32], out: &mut [f32]) {
         let whole = x.len().min(out.len()) / 16 * 16;
         let ((x, rest), (out, rest_out)) = (x.split_at(whole), out.split_at_mut(whole));

@@ -27,7 +27,7 @@ pub(crate) use sum::Sum;
 
 use crate::simd::Lanes;
 
-/// The implementation of the elementary functions (sin, cos, exp, …).
+/// Backend that computes the elementary functions (sin, cos, exp, …).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum MathBackend {
@@ -40,13 +40,13 @@ pub enum MathBackend {
     /// The `micromath` crate, one value at a time: little code, low accuracy.
     #[cfg(feature = "micromath")]
     Micromath,
-    /// The project's own polynomials, except in the sinusoidal encoding: there, the sine and cosine of each level after
-    /// the first are computed from the previous level by angle doubling, so that errors grow with the level.
+    /// The project's own polynomials, with angle doubling in the sinusoidal encoding: the sine and cosine of each level
+    /// after the first are computed from the previous level, so that errors grow with the level.
     Recurrence,
 }
 
 impl MathBackend {
-    /// Number of backends, including backends that this build lacks. Their tags in files are 0 to `TAGS − 1`.
+    /// Number of backends, including backends that this build lacks. The backends' tags in files are 0 to `TAGS − 1`.
     pub const TAGS: u8 = 4;
 
     /// Number that identifies the backend in files, the same in every build.
@@ -61,7 +61,8 @@ impl MathBackend {
         }
     }
 
-    /// The backend with this tag; `None` if this build lacks the backend, or if no backend has the tag.
+    /// Returns the backend that has the tag `tag`; `None` if this build lacks the backend, or if no backend has the
+    /// tag.
     pub const fn from_tag(tag: u8) -> Option<Self> {
         match tag {
             0 => Some(Self::Polynomial),
@@ -157,8 +158,8 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// Evaluates `$body` with `$M` set to the [`Math`] type of `$backend`. In contrast to `with_math`, the backend
-/// `Recurrence` has its own type: `Recurrence`, for sinusoidal encodings.
+/// Evaluates `$body` with the type `$M` set to the [`Math`] implementation of `$backend`, for sinusoidal encodings. In
+/// contrast to `with_math`, `$M` is `Recurrence` for the backend `Recurrence`.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

@@ -8,12 +8,12 @@ use super::Init;
 use crate::simd::Isa;
 use half::bf16;
 
-/// One group of inputs of a layer, either the main or the appended ones, with the weights that multiply the group.
+/// One of a layer's two groups of inputs (main or appended), and the weights that multiply this group.
 #[derive(Clone, Copy, Debug)]
 pub struct PairedInput<'a> {
-    /// Weights as pairs of bf16: for each output, a row of `row` words, of which the first `pairs` are used.
+    /// Weights as pairs of bf16: 32-bit words, `[outputs][row]`. Only the first `pairs` words of each row are used.
     pub weights: &'a [f32],
-    /// Distance from one row of weights to the next, 32-bit words.
+    /// Distance from one row of `weights` to the next, in 32-bit words.
     pub row: usize,
     /// Number of pairs of inputs.
     pub pairs: usize,
@@ -26,8 +26,8 @@ pub struct PairedInput<'a> {
 pub enum PairedOutput {
     /// f32 values, `[outputs][stride]`.
     Floats,
-    /// 32-bit words, each of two successive outputs rounded to bf16, `[pairs(outputs)][stride]`: the input format of
-    /// the next layer.
+    /// 32-bit words, `[pairs(outputs)][stride]`. Each word holds two successive outputs, rounded to bf16: the input
+    /// format of the next layer.
     Pairs,
 }
 
@@ -43,7 +43,7 @@ pub fn pair(low: f32, high: f32) -> f32 {
     f32::from_bits(high << 16 | low)
 }
 
-/// Unpacks the two bf16 values in the 32 bits of `word`: low half, high half.
+/// Unpacks the two bf16 values in the 32 bits of `word`. Returns the low half, then the high half.
 #[inline]
 pub fn unpair(word: f32) -> [f32; 2] {
     [f32::from_bits(word.to_bits() << 16), f32::from_bits(word.to_bits() & 0xffff_0000)]

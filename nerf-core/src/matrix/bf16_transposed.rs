@@ -3,11 +3,12 @@
 use super::bf16::{pairs, unpair};
 use crate::simd::{Isa, Lanes, Op};
 
-/// Computes `to = start + Wᵀ from` in f32; only the weights are pairs of bf16, as in [`super::dense_bf16`].
+/// Computes `to = start + Wᵀ from` in f32. W is the matrix `weights` of a layer, stored as pairs of bf16.
 ///
-/// `weights`: `[outputs][row]`; the first `pairs(inputs)` words of each row are used. `from`: `[outputs][stride]` f32,
-/// `to`: `[inputs][stride]` f32. `start` is the content of `to` if `accumulate`, else 0. `stride`: number of samples, a
-/// multiple of 16. Each element of `to` is summed over the layer's outputs in ascending order.
+/// `weights`: 32-bit words, `[outputs][row]`; only the first `pairs(inputs)` words of each row are used. `from`: f32,
+/// `[outputs][stride]`. `to`: f32, `[inputs][stride]`. `start` is the content of `to` if `accumulate`, else 0.
+/// `stride`: number of samples, a multiple of 16. Each element of `to` is summed over the layer's outputs in ascending
+/// order.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.

@@ -13,7 +13,7 @@ pub struct Gemm {
     pub k: usize,
     /// Distance from `A[i][p]` to `A[i+1][p]`, elements.
     pub a_row: usize,
-    /// Distance from `A[i][p]` to `A[i][p+1]`, elements; not 1 if A is transposed.
+    /// Distance from `A[i][p]` to `A[i][p+1]`, elements; 1 if A is row-major.
     pub a_col: usize,
     /// Distance from row `B[p]` to row `B[p+1]`, elements; the elements of a row are contiguous.
     pub b_row: usize,
@@ -21,13 +21,14 @@ pub struct Gemm {
     pub c_row: usize,
 }
 
-/// The values that the sums of a product `C = init + A B` start from.
+/// Start values of the sums in a product `C = init + A B`.
 #[derive(Clone, Copy, Debug)]
 pub enum Init<'a, T = f32> {
     /// Every sum starts from 0.
     #[cfg_attr(not(any(feature = "normals", feature = "train")), allow(dead_code, reason = "of gradients"))]
     Zero,
-    /// Every sum in row `i` of C starts from bias `i`. The slice holds `m` biases: f32, or bytes of little-endian f16.
+    /// Every sum in row `i` of C starts from bias `i`. The slice holds one bias per row of C: f32, or the bytes of
+    /// little-endian f16.
     Bias(&'a [T]),
     /// Every sum starts from the present element of C.
     Accumulate,
@@ -53,7 +54,7 @@ impl<'a, T> Init<'a, T> {
 /// split into calls. Two instruction sets can give different results: only some fuse multiply-adds. ReLU of NaN is NaN.
 ///
 /// # Panics
-/// If `n` is no multiple of [`Isa::columns`] or a slice is too short for sizes and strides.
+/// If `n` is no multiple of [`Isa::columns`], or if a slice is too short for the sizes and strides in `g`.
 pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'_>, relu: bool) {
     if g.m == 0 || g.n == 0 {
         return;

@@ -10,7 +10,8 @@ use crate::simd::{Isa, Lanes, Op};
 /// >= `n`.
 ///
 /// # Panics
-/// With debug assertions, if a slice is too short for sizes and strides. Other builds read missing values as 0.
+/// With debug assertions, if a slice is too short for the sizes and strides in `g`. Other builds read missing values
+/// as 0.
 pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Init<'_, u8>, relu: bool) {
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }
@@ -23,11 +24,11 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
     ::half::f16::from_le_bytes(pair.copied().unwrap_or_default()).to_f32()
 }
 
-/// Converts a finite little-endian f16 to f32, with few instructions, since every multiplication of a product converts
-/// a weight. In a floating-point mode that reads subnormal f32 as 0, a subnormal f16 becomes 0, too.
+/// Converts a finite little-endian f16 to f32. Takes few instructions, since a matrix product converts one weight per
+/// multiplication. In a floating-point mode that reads subnormal f32 as 0, a subnormal f16 becomes 0, too.
 #[inline(always)]
 fn widen(bytes: [u8; 2]) -> f32 {
-    /// 2 to the power of the difference of the exponent biases of f32 and f16.
+    /// Scale factor `2^(127 − 15)`: f32 has the exponent bias 127, f16 has 15.
     const SCALE: f32 = f32::from_bits((127 + 127 - 15) << 23);
     // The shift by 13 aligns the mantissas. Sign extension also fills the three upper exponent bits, which the mask
     // clears.

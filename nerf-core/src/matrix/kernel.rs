@@ -48,8 +48,8 @@ impl Kernel {
         Self { isa, storage }
     }
 
-    /// The fastest kernel of this machine that does not round weights: with f32 storage or, on a target without vector
-    /// instructions, with f16 storage.
+    /// Returns the fastest kernel of this machine that does not round weights. The kernel's storage is f32, or f16 on a
+    /// target without vector instructions.
     pub fn detect() -> Self {
         Self::new(Isa::detect(), if VECTORS { Storage::F32 } else { Storage::F16 })
     }

@@ -1,5 +1,5 @@
-//! Typed slices in the caller's memory. Each stage of the renderer has one function that requests the stage's buffers.
-//! With [`Measure`] the function counts the 64-byte lines of memory, and with [`Arena`] it allocates the buffers.
+//! Typed slices in the caller's memory. Each stage of the renderer has one function that requests the stage's buffers
+//! from a [`Layout`]: [`Measure`] counts the 64-byte lines of memory, and [`Arena`] allocates the buffers.
 
 use core::mem::{MaybeUninit, align_of, size_of};
 
@@ -35,7 +35,7 @@ pub struct Measure {
 }
 
 impl Measure {
-    /// Number of 64-byte lines that the buffers requested by `lay_out` need.
+    /// Runs `lay_out` and returns the number of 64-byte lines that the requested buffers need.
     #[inline]
     pub fn lines_of<T>(lay_out: impl FnOnce(&mut Self) -> T) -> usize {
         let mut measure = Self::default();
@@ -51,7 +51,7 @@ impl<'w> Layout<'w> for Measure {
     }
 }
 
-/// Allocator that cuts one slice after the other from the beginning of a workspace.
+/// Allocator that cuts slices from a workspace, one after another, from the beginning.
 pub struct Arena<'w> {
     rest: &'w mut [Line],
 }

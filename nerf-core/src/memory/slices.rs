@@ -3,14 +3,14 @@
 //! A length that does not fit is a bug. Builds without debug assertions then return a slice that is as long as
 //! possible, so that a microcontroller's build contains no panic.
 
-/// The first `n` values of `all`. If `all` has fewer: panics with debug assertions, else returns `all`.
+/// Returns the first `n` values of `all`. If `all` is shorter: panics with debug assertions, else returns all values.
 #[inline(always)]
 pub fn head<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(..n).unwrap_or(all)
 }
 
-/// The first `n` values of `all`. If `all` has fewer: panics with debug assertions, else returns `all`.
+/// Returns the first `n` values of `all`. If `all` is shorter: panics with debug assertions, else returns all values.
 #[inline(always)]
 pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     let found = all.len();
@@ -18,16 +18,16 @@ pub fn head_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     &mut all[..n.min(found)]
 }
 
-/// The values of `all` after the first `n`. If there are fewer than `n`: panics with debug assertions, else returns an
-/// empty slice.
+/// Returns the values of `all` after the first `n`. If `all` has fewer than `n` values: panics with debug assertions,
+/// else returns an empty slice.
 #[inline(always)]
 pub fn tail<T>(all: &[T], n: usize) -> &[T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());
     all.get(n..).unwrap_or_default()
 }
 
-/// The values of `all` after the first `n`. If there are fewer than `n`: panics with debug assertions, else returns an
-/// empty slice.
+/// Returns the values of `all` after the first `n`. If `all` has fewer than `n` values: panics with debug assertions,
+/// else returns an empty slice.
 #[inline(always)]
 pub fn tail_mut<T>(all: &mut [T], n: usize) -> &mut [T] {
     debug_assert!(n <= all.len(), "expected {n} values, found {}", all.len());

@@ -30,11 +30,12 @@ pub struct TrunkLayer {
 /// The activation that maps the density head's raw output to the density sigma, per world unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DensityActivation {
-    /// `max(0, raw)`.
+    /// `sigma = max(0, raw)`; `raw`: output of the density head.
     Relu,
-    /// `ln(1 + exp(raw − 1))`.
+    /// `sigma = ln(1 + exp(raw − 1))`; `raw`: output of the density head.
     ShiftedSoftplus,
-    /// `exp(min(raw, 20))`, where 20 is [`EXPONENTIAL_LIMIT`]. For larger `raw` the derivative is 0.
+    /// `sigma = exp(min(raw, 20))`; `raw`: output of the density head. The limit 20 is [`EXPONENTIAL_LIMIT`]. For
+    /// larger `raw` the derivative is 0.
     Exponential,
 }
 
@@ -42,14 +43,14 @@ pub enum DensityActivation {
 /// therefore e^20 per world unit, which is opaque within 1e-7 world units.
 pub const EXPONENTIAL_LIMIT: f32 = 20.0;
 
-/// How often the colour branch of a network is evaluated: once per sample or once per ray.
+/// Frequency at which the colour branch of a network is evaluated: once per sample or once per ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Shading {
-    /// Once for each sample that [`Quality::colour_cut`](crate::plan::Quality::colour_cut) selects. The colour branch
-    /// takes the sample's trunk output `h`, and the colours are composited.
+    /// The colour branch is evaluated for each sample that [`Quality::colour_cut`](crate::plan::Quality::colour_cut)
+    /// selects. The branch takes the sample's trunk output `h`, and the resulting colours are composited.
     PerSample,
-    /// Once per ray (deferred shading): the trunk's outputs `h` are composited, and the colour branch takes their
-    /// weighted mean.
+    /// The colour branch is evaluated once per ray (deferred shading). The trunk's outputs `h` of the ray's samples are
+    /// composited, and the branch takes the weighted mean of `h`.
     ///
     /// ```text
     /// A = Σ w_i;  P = Σ w_i h_i / A;  colour = A · sigmoid(branch [P, PE(d)]) + T_end · background
@@ -57,7 +58,7 @@ pub enum Shading {
     /// T_end: transmittance at the end of the ray;  PE(d): encoded direction
     /// ```
     ///
-    /// With a grid the trunk may be empty: `h` is then the encoded position itself.
+    /// If the position encoding is a grid, the trunk may be empty: `h` is then the encoded position itself.
     PerRay,
 }
 
@@ -79,18 +80,18 @@ pub struct Architecture {
     /// Widths of the colour branch's hidden dense+ReLU layers. The first layer takes `[h, PE(d)]`: the trunk's output
     /// and the encoded direction.
     pub colour: heapless::Vec<u16, MAX_COLOUR>,
-    /// How often the colour branch is evaluated: once per sample or once per ray.
+    /// Frequency at which the colour branch is evaluated: once per sample or once per ray.
     pub shading: Shading,
 }
 
 /// Place of a layer in its network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
-    /// Hidden layer of the trunk, by index from 0.
+    /// Hidden layer of the trunk; the value is the layer's index in the trunk, from 0.
     Trunk(u8),
     /// Density head: maps the trunk's output `h` to raw_sigma, the density before its activation.
     Density,
-    /// Hidden layer of the colour branch, by index from 0.
+    /// Hidden layer of the colour branch; the value is the layer's index in the branch, from 0.
     Colour(u8),
     /// Colour head: three channels, sigmoid.
     Rgb,
@@ -130,7 +131,8 @@ impl Layer {
 pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
 
 impl Architecture {
-    /// Checks the limits of each field, the consistency of the fields, and that this build supports the architecture.
+    /// Checks that every field is within its limits, that the fields are consistent, and that this build supports the
+    /// architecture.
     ///
     /// # Errors
     /// An [`ArchitectureError`] that names the first field that fails a check.

@@ -35,7 +35,7 @@ pub struct GradientScratch<'w> {
 }
 
 impl Network<'_> {
-    /// Length of [`GradientScratch::signs`], the ReLU mask, for blocks of up to `samples` samples.
+    /// Length of [`GradientScratch::signs`], the ReLU mask, for blocks of up to `samples` samples, in 16-bit words.
     pub fn sign_words(&self, samples: usize) -> usize {
         self.trunk_layers().map(|layer| sign_words(layer, samples)).sum()
     }
@@ -45,7 +45,7 @@ impl Network<'_> {
         self.architecture.position.outputs()
     }
 
-    /// Computes ∂raw_sigma/∂x of a block of samples; 0 in a 2D field, which has no density.
+    /// Computes the gradient ∂raw_sigma/∂x at each sample of a block; 0 in a 2D field, which has no density.
     ///
     /// `positions`: `[3][stride]`, inside the scene box. `gradient`: `[3][stride]`, 1/world unit². In a 2D field,
     /// `positions` and `gradient` have 2 rows. The contents of `scratch` and `memory` are overwritten.
@@ -142,7 +142,7 @@ impl Network<'_> {
         self.layers.iter().filter(|layer| matches!(layer.role, Role::Trunk(_)))
     }
 
-    /// Returns weight `i` of `layer`, which must have one output and no appended inputs: the density head.
+    /// Returns weight `i` of the density head `layer`, which has one output and no appended inputs.
     fn weight(&self, layer: &Layer, i: usize) -> f32 {
         match self.weights() {
             Weights::Prepared(parameters) | Weights::Transposed(parameters) => parameters[layer.weights + i],
@@ -219,7 +219,8 @@ fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)
 }
 
-/// Sets to 0 each of `values` (gradients) whose bit in the ReLU mask `signs` is 0: the backward pass through a ReLU.
+/// Computes the backward pass through a ReLU: sets each gradient in `values` to 0 if its bit in the ReLU mask `signs`
+/// is 0.
 fn mask(values: &mut [f32], signs: &[u16]) {
     for (values, &signs) in values.chunks_mut(SIGNS).zip(signs) {
         for (i, value) in values.iter_mut().enumerate() {

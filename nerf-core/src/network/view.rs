@@ -51,7 +51,8 @@ impl<'a> Network<'a> {
         Self::with_grid(architecture, weights, GridTables::NONE, isa)
     }
 
-    /// Makes a network from its architecture, its parameters and its grid's tables, if any.
+    /// Makes a network from its architecture, its parameters and the tables of its grid. `tables`:
+    /// [`GridTables::NONE`] if the position encoding is not a grid.
     ///
     /// `None` if the architecture exceeds a limit, if there are too few parameters or table values, or if a build
     /// without vector instructions ([`VECTORS`]) gets other weights than [`Weights::InPlace`].
@@ -398,9 +399,9 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Evaluates a layer: `to = act(init + W [main, extra])`. `inputs`: main and extra, `[rows][stride]`; `None` leaves
-    /// an input out of the sum. `init` is the content of `to` if `accumulate`, else the bias. `act` is ReLU if
-    /// `hidden`, else the identity. If `hidden`, outputs are written in the input format of the next layer.
+    /// Evaluates a layer: `to = act(init + W [main, extra])`. `inputs`: main and extra, `[rows][stride]`; inputs that
+    /// are `None` are left out of the sum. `init` is the content of `to` if `accumulate`, else the bias. `act` is ReLU
+    /// if `hidden`, else the identity. If `hidden`, outputs are written in the input format of the next layer.
     fn dense(
         &self,
         layer: &Layer,
@@ -439,7 +440,8 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Evaluates a layer as [`Network::dense`] does, with inputs and weights (`words`) that are pairs of bf16.
+    /// Evaluates a layer as [`Network::dense`] does. Inputs and weights are pairs of bf16; `words`: the parameters of
+    /// the network ([`Weights::Paired`]).
     #[allow(clippy::too_many_arguments, reason = "as the method it is half of")]
     fn dense_paired(
         &self,

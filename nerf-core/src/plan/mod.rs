@@ -59,13 +59,13 @@ impl Outputs {
     /// normals are not included, since each needs a feature of the build.
     pub const ALL: Self = Self { ray_distance: true, z_depth: true, ..Self::RGB };
 
-    /// Whether colour or normals are requested: the outputs that are evaluated only at the samples that
+    /// Whether colour or normals are requested. Both outputs are evaluated only at the samples that
     /// [`Quality::colour_cut`] selects.
     pub(crate) const fn picks(&self) -> bool {
         self.rgb || (cfg!(feature = "normals") && self.normals)
     }
 
-    /// Whether median distances or normals are requested: the outputs for which rays are marched one by one.
+    /// Whether median distances or normals are requested. For either output, rays are marched one by one.
     pub(crate) const fn surface(&self) -> bool {
         self.median_distance || self.normals
     }
@@ -76,8 +76,9 @@ impl Outputs {
 pub struct Batch {
     /// Number of rays that are marched at the same time.
     pub rays: usize,
-    /// Number of samples that the network evaluates together with `Kernel::IN_PLACE`: portable instructions, and
-    /// weights read directly from the scene file's bytes. Other kernels always evaluate blocks of 64 samples.
+    /// Number of samples in a block that the network evaluates at once. Used only by `Kernel::IN_PLACE`: portable
+    /// instructions, and weights read directly from the scene file's bytes. Other kernels always evaluate blocks of 64
+    /// samples.
     pub samples: usize,
 }
 
@@ -89,7 +90,7 @@ impl Batch {
     /// and weights read directly from the scene file's bytes. Other kernels always evaluate blocks of 64 samples.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
-    /// 256 rays, as many as a tile has pixels, and blocks of 64 samples: enough to keep any instruction set busy.
+    /// 256 rays, one for each pixel of a tile, and blocks of 64 samples, which fill the vectors of any instruction set.
     pub const FULL: Self = Self { rays: 256, samples: BLOCK };
 
     /// Whether the batch has 1 to [`Batch::MAX_RAYS`] rays and 1 to 64 samples.
@@ -110,7 +111,7 @@ pub struct Plan<'a> {
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
     /// The bins in which a ray's samples lie. If a proposal network places the samples, only the number of these bins
-    /// is used: it is the number of samples placed on each ray.
+    /// is used, as the number of samples to place on each ray.
     pub(crate) bins: Bins,
     /// Number of samples per ray, counted as in [`Quality::samples`]: the requested number or, for 0, the scene's own.
     samples: u16,
@@ -247,7 +248,7 @@ impl<'a> Plan<'a> {
     /// A field that was trained with samples one bin apart also varies over distances far shorter than a bin. In sums
     /// along a ray such variations cancel, but in the gradient they dominate: the tenth frequency of a sinusoidal
     /// encoding multiplies the gradient by 2^9 π. A blur of one bin replaces the gradient by its mean over a Gaussian
-    /// with the standard deviation of a uniform distribution over a bin: the bin's width / √12.
+    /// whose standard deviation is the bin's width / √12, as for a uniform distribution over the bin.
     ///
     /// # Errors
     /// [`PlanError::NormalBlur`] unless `bins` is finite and at least 0.
@@ -302,8 +303,8 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Requested number of samples per ray, counted as in [`Quality::samples`]. With a proposal network, the samples at
-    /// which that network is evaluated are added. A ray may get more samples where the bins continue in front of near
+    /// Requested number of samples per ray, counted as in [`Quality::samples`]. With a proposal network, includes the
+    /// samples at which that network is evaluated. A ray may get more samples where the bins continue in front of near
     /// or behind far.
     pub(crate) fn samples_per_ray(&self) -> u32 {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
@@ -374,8 +375,8 @@ impl<'a> Plan<'a> {
         }
     }
 
-    /// Whether several rays may be marched at once, one per SIMD lane: in frames that use no proposal network and
-    /// output neither median distances nor normals.
+    /// Whether several rays may be marched at once, one per SIMD lane. True for a frame that uses no proposal network
+    /// and outputs neither median distances nor normals.
     pub(crate) fn marches_side_by_side(&self) -> bool {
         self.proposal.is_none() && !self.outputs.surface()
     }
@@ -385,8 +386,8 @@ impl<'a> Plan<'a> {
         Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
     }
 
-    /// The point of a ray at `t`, in the network's space. `t`: distance, world units; with a contraction, position `s`
-    /// of [`Contraction::distance`].
+    /// Returns the point of a ray at `t`, contracted if the scene is unbounded. `t`: distance, world units; with a
+    /// contraction, position `s` of [`Contraction::distance`].
     #[inline]
     pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
         match &self.contraction {
@@ -401,8 +402,8 @@ impl<'a> Plan<'a> {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// Smallest distance at which a ray through an unbounded scene has samples, world units. The result is counted from
-    /// the point at distance `start` along the ray. `t_min`: nearest visible distance, counted from the ray's origin.
+    /// Smallest distance at which a ray through an unbounded scene has samples, world units, measured from the point at
+    /// distance `start` along the ray. `t_min`: nearest visible distance, measured from the ray's origin.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start
@@ -410,7 +411,7 @@ impl<'a> Plan<'a> {
 
     /// Returns the part of the ray over which the density of the sample at `t` is used. `t`: distance, world units; in
     /// an unbounded scene, position `s` of [`Contraction::distance`]. `start`: distance along the ray to the point at
-    /// which `t` is 0, world units. `ends`: used parts of the ray's first and last bin. `t_min`: nearest visible
+    /// which `t` is 0, world units. `ends`: cuts of the ray's first and last bin. `t_min`: nearest visible
     /// distance along the ray, world units.
     #[inline]
     pub(crate) fn interval(&self, ends: &Ends, start: f32, t_min: f32, t: f32) -> SampleInterval {

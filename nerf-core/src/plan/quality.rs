@@ -8,7 +8,7 @@ use crate::names::names;
 #[cfg(test)]
 mod tests;
 
-/// The quality settings of a frame: approximations that cost accuracy and save time.
+/// The quality settings of a frame: approximations that save time and lower the accuracy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quality {
     /// Number of samples per ray; 0 for the scene's own number. What is counted depends on the scene's
@@ -28,7 +28,7 @@ pub struct Quality {
     /// above 0.
     ///
     /// The same rule selects the samples whose normal is evaluated. With [`Shading::PerRay`](crate::network::Shading)
-    /// the rule selects the samples whose hidden features are composited. The cut never affects opacity or distances.
+    /// the rule selects the samples whose trunk outputs are composited. The cut never affects opacity or distances.
     pub colour_cut: f32,
     /// Whether cells that the occupancy grid marks as empty are skipped.
     pub occupancy: bool,
@@ -41,8 +41,9 @@ pub struct Quality {
 }
 
 impl Quality {
-    /// Default of [`Quality::transmittance_cut`]. Together with the default colour cut, in four scenes: saves more
-    /// than half of the density evaluations, lowers the PSNR by at most 0.03 dB (`docs/journal/2026-11-22-frames.md`).
+    /// Default of [`Quality::transmittance_cut`]. In four scenes, this cut and the default colour cut together save
+    /// more than half of the density evaluations and lower the PSNR by at most 0.03 dB
+    /// (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
     /// Default of [`Quality::colour_cut`], a sum of compositing weights.
     pub const COLOUR_CUT: f32 = 5e-3;
@@ -186,7 +187,7 @@ names! {
     /// Named limits of the loss: how far the PSNR may lie below the PSNR of the exact rendering, dB. Smallest limit
     /// first.
     pub enum Preset {
-        /// PSNR against photographs not below that of the exact rendering.
+        /// No loss: PSNR against photographs at least that of the exact rendering.
         Exact = "exact",
         /// PSNR against photographs at most 0.01 dB below that of the exact rendering: no visible difference.
         High = "high",

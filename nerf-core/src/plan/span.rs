@@ -11,7 +11,7 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// How the bins of a plan are placed on a ray.
+/// Placement of a plan's bins on a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Lattice {
     /// Only the bins used in training, from near to far.
@@ -19,7 +19,8 @@ pub(crate) enum Lattice {
     /// The bins used in training, and further bins of the same width in front of near and behind far, so that the bins
     /// cover the ray's part inside the scene box.
     Extended,
-    /// Bins as wide as one marching step. The first bin begins where the ray enters the scene box.
+    /// Bins as wide as one marching step. The first bin begins where the ray enters the scene box, or at the nearest
+    /// visible distance if this is farther.
     March,
     /// For unbounded scenes: bins of equal width in the argument `s` of [`Contraction::distance`]. `s` is 0 at the
     /// ray's point nearest to the contraction's centre.
@@ -28,18 +29,18 @@ pub(crate) enum Lattice {
 
 /// The part of a ray that is sampled.
 pub(crate) struct Span {
-    /// The ray, with its origin moved to the point from which distances of samples are counted.
+    /// The ray, with its origin moved to the point from which the samples' distances are measured.
     pub ray: Ray,
     /// Distance along the ray from the original to the moved origin, world units; added to distances that are output.
     pub start: f32,
     /// Index range of the bins that may contain a sample.
     pub bins: Range<u32>,
-    /// Where the first and the last bin are cut short by the limits of the sampled part.
+    /// Cuts of the first and the last bin at the limits of the sampled part.
     pub ends: Ends,
 }
 
 /// Largest rounding error of a point on a ray, divided by the distance of the point along the ray. Covers the errors of
-/// the slab test and of `Ray::at`.
+/// [`SceneBox::clip`] and of `Ray::at`.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
@@ -121,7 +122,7 @@ pub(crate) struct Spans<T = Row> {
     start: T,
     /// Index of the first bin and index after the last bin of each ray; an empty range if nothing is sampled.
     bins: [T; 2],
-    /// Where the first and the last bin are cut short: the values of [`Ends::parts`], in the same order.
+    /// Cuts of each ray's first and last bin, in the order of [`Ends::parts`].
     ends: [T; Ends::PARTS],
 }
 

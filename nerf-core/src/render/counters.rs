@@ -1,8 +1,9 @@
-//! Counters of a render's work. With these counters, tests check that a frame runs only the stages it needs.
+//! Counters of a render's work. Tests use the counters to check that a frame runs only the stages that it needs.
 
 use crate::network::Network;
 
-/// Counts of the work of a render. For a 2D field only `colour_evaluations`, `macs` and `invalid_samples` are counted.
+/// Counts of the work that a render has done. For a 2D field only `colour_evaluations`, `macs` and `invalid_samples`
+/// are counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Number of rays, including rays on which no sample was evaluated.
@@ -11,18 +12,19 @@ pub struct Counters {
     pub samples_kept: u64,
     /// Number of planned samples at which the scene's network was not evaluated: samples outside the box, in empty
     /// cells, or behind the point where the ray ended. [`Quality::samples`](crate::plan::Quality) samples are planned
-    /// per ray, plus one per bin of the proposal network, if used. The count is the sum, over rays and fields, of
-    /// planned minus kept samples; 0 is added for a ray that keeps more samples than planned, where samples continue in
-    /// front of `near` or behind `far` to the ends of the box.
+    /// per ray, plus one per bin of the proposal network, if used. Each ray adds, for each field, the planned minus the
+    /// kept samples, or 0 if more samples are kept than planned. A ray may keep more than planned if its samples
+    /// continue in front of `near` or behind `far` to the ends of the box.
     pub samples_skipped: u64,
     /// Number of evaluations of the proposal network, not included in `samples_kept`.
     pub proposal_evaluations: u64,
     /// Number of evaluations of trunk and density head.
     pub density_evaluations: u64,
     /// Number of evaluations of the colour branch: at most one per sample; with deferred shading, at most one per ray.
-    /// For a 2D field, number of evaluations of the whole network. With one field, a sample gets a colour if the
-    /// weights of the ray's samples since the last evaluation sum to more than the colour cut
-    /// ([`Quality`](crate::plan::Quality)); with several fields, if the sample's own weight can exceed the cut.
+    /// For a 2D field, number of evaluations of the whole network. With one field, the branch is evaluated at a sample
+    /// if the ray's weights since the last evaluation sum to more than the colour cut
+    /// ([`Quality`](crate::plan::Quality)). With several fields, the branch is evaluated if the weight of the sample
+    /// alone can exceed the cut.
     pub colour_evaluations: u64,
     /// Number of density gradients computed for normals, each by a forward and a backward pass of the trunk.
     pub normal_evaluations: u64,

@@ -31,7 +31,7 @@ errors! {
     /// The blob's entropy-coded grid tables cannot be decoded. [`Blob::open`](crate::blob::Blob::open) refuses such a
     /// blob; [`Blob::open_undecoded`](crate::blob::Blob::open_undecoded) does not check the tables.
     Tables(error: BlobError) => "{error}";
-    /// The image has more pixels than fit into free memory.
+    /// The image has more pixels than free memory can hold.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     ImageMemory { width: usize, height: usize } =>
         "image: expected free memory for {width}x{height} pixels, found less";

@@ -1,4 +1,5 @@
-//! Report of a frame: which stages run, why other stages are off, and if counters are given, the work of each stage.
+//! Report of a frame: the stages that run, the reasons why other stages are off, and the work of each stage if counters
+//! are given.
 
 use super::Counters;
 use super::field::Field;
@@ -39,7 +40,8 @@ impl Switch {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }
 
-    /// Combines two conditions of a stage: returns `other` if `self` is on; else `self`, why the stage is off.
+    /// Combines two conditions of a stage. Returns `other` if `self` is on; else returns `self`, the reason why the
+    /// stage is off.
     fn and(self, other: Self) -> Self {
         if self == Self::On { other } else { self }
     }
@@ -121,7 +123,8 @@ impl Explanation<'_> {
         .map(|(name, switch)| Stage { name, switch })
     }
 
-    /// Returns the reported workspace size, bytes: what the frame needs, or what [`Explanation::with_workspace`] set.
+    /// Returns the reported workspace size, bytes: the size that the frame needs, or the size set by
+    /// [`Explanation::with_workspace`].
     pub fn workspace_bytes(&self) -> usize {
         self.workspace
     }
@@ -259,7 +262,7 @@ pub struct Shares {
     pub density: u64,
     /// Multiply-adds of the colour branch without the part that depends on the direction alone.
     pub colour: u64,
-    /// Multiply-adds of the density gradients, which normals are computed from.
+    /// Multiply-adds of the density gradients from which normals are computed.
     pub normals: u64,
 }
 

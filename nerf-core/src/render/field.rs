@@ -20,8 +20,8 @@ impl Field<'_> {
         if self.network.whole_blocks() { BLOCK } else { self.plan.batch.samples }
     }
 
-    /// Returns the number of columns of the matrices for a block of `n` samples. Most kernels need a multiple of
-    /// [`Network::columns`], so `n` is rounded up; the added columns are padding.
+    /// Returns the number of columns of the activation matrices for a block of `n` samples. Most kernels need a
+    /// multiple of [`Network::columns`]: `n` is then rounded up, and the added columns are padding.
     pub fn columns(&self, n: usize) -> usize {
         if self.network.whole_blocks() { n.next_multiple_of(self.network.columns()) } else { n }
     }

@@ -1,4 +1,5 @@
-//! Renders a tile of a frame that shows one field: starts the pixels' rays, evaluates samples, and finishes the pixels.
+//! Rendering of one tile in a frame of one field: the pixels' rays are started, samples are evaluated, and the pixels
+//! are finished.
 
 use super::Counters;
 use super::field::Field;
@@ -13,7 +14,7 @@ use crate::memory::{Layout, head, put};
 use crate::space::SceneBox;
 use glam::Vec3;
 
-/// All stages that render the frames of one field, with the buffers of each stage.
+/// Stages that render the frames of one field, with the buffers of each stage.
 pub(super) struct Frame<'f, 'w> {
     proposer: &'f Proposer<'f>,
     tile: TileState<'f, 'w>,
@@ -27,7 +28,7 @@ pub(super) struct Frame<'f, 'w> {
 impl<'f, 'w> Frame<'f, 'w> {
     /// Reserves the buffers of all stages, except those of [`Pixels`], in `layout`, which measures or allocates memory.
     /// `around.0`: box around all occupied cells, `None` if no cell is occupied or there is no grid. `around.1`: test
-    /// that finds occupied cells for a whole packet of neighbouring rays, `None` if frames do not use the test.
+    /// for occupied cells along a whole packet of neighbouring rays, `None` if frames do not use the test.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -55,14 +56,16 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Returns a function that maps the camera's position to the distance, world units, of pixels without a surface.
+    /// Returns a function that takes the camera's position and returns the distance, world units, of pixels without a
+    /// surface.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let plan = self.tile.field.plan;
         move |eye| plan.far_from(eye)
     }
 
-    /// Renders ray `pixels.turn` of each pixel of the tile. Passes each pixel to `target` after the pixel's last ray.
-    /// `COLLIDE`: whether a ray ends at a random collision, where its optical thickness reaches [`RaySource::until`].
+    /// Renders the ray of index `pixels.turn` of each pixel of the tile. Passes each pixel to `target` after the
+    /// pixel's last ray. `COLLIDE`: whether a ray ends at a random collision, where its optical thickness reaches
+    /// [`RaySource::until`].
     #[inline(never)]
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
@@ -95,7 +98,8 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
     }
 
-    /// Evaluates and composites the next block of samples. Returns `false` if no ray is active. `COLLIDE`: see `turn`.
+    /// Evaluates and composites the next block of samples. Returns `false` if no ray is active. `COLLIDE`: as in
+    /// [`Frame::turn`].
     fn step<M: Math, const COLLIDE: bool>(&mut self, counters: &mut Counters) -> bool {
         let Self { tile, compositing, .. } = self;
         let TileState { field, rays, density, .. } = tile;
@@ -117,7 +121,7 @@ impl<'f, 'w> Frame<'f, 'w> {
     }
 
     /// Computes density and colour at `points`: pairs of position and direction, at most as many as one block holds.
-    /// `sigma` and `rgb` must hold zeros, since points in empty cells are skipped. `rgb` is empty for no colour.
+    /// `sigma` and `rgb` must hold zeros, since points in empty cells are skipped. An empty `rgb` requests no colour.
     pub fn points(
         &mut self,
         points: impl Iterator<Item = (Vec3, Vec3)>,

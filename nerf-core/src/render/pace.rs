@@ -1,4 +1,4 @@
-//! Measured times of a frame on this host. With these times, settings are chosen that meet a limit in milliseconds.
+//! Measured times of a frame on this host, for choosing settings that meet a limit in milliseconds.
 
 use super::error::check_memory;
 use super::{Rect, RenderError, Renderer};
@@ -104,8 +104,8 @@ impl Pace {
     }
 }
 
-/// Returns the horizontal and vertical step from one timed pixel to the next, pixels. The steps are equal unless the
-/// image is so narrow or low that only one column or row is timed.
+/// Returns the horizontal and vertical step from one timed pixel to the next, pixels. The steps are equal unless a side
+/// of the image is shorter than the step: then only one row or column is timed.
 fn steps(camera: &Camera) -> (u32, u32) {
     let i = camera.intrinsics();
     let (width, height) = (u64::from(i.width), u64::from(i.height));

@@ -204,9 +204,9 @@ impl<'a> Renderer<'a> {
     /// colour that is NaN becomes black and is counted ([`Counters::invalid_samples`]).
     ///
     /// # Errors
-    /// [`RenderError`] on a blob that is a scene, a side of 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a
-    /// rectangle outside the image, a batch that a [`Plan`](crate::plan::Plan) would refuse, and too little workspace,
-    /// before anything is written.
+    /// [`RenderError`], before anything is written, on a blob that is a scene, a side of 0 or above
+    /// [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a rectangle outside the image, a batch that a
+    /// [`Plan`](crate::plan::Plan) would refuse, or too little workspace.
     pub fn render_picture(
         &self,
         math: MathBackend,
@@ -304,7 +304,7 @@ impl<F: AsMut<[f32]>, B: AsMut<[u8]>> Prepared<F, B> {
 }
 
 impl<'a> Prepared<&'a [f32], &'a [u8]> {
-    /// Returns the scene's network. Values that `self` has no copy of are read from `blob`. `None` if there are fewer
+    /// Returns the scene's network. Values without a copy in `self` are read from `blob`. `None` if there are fewer
     /// parameters or table values than the network has.
     #[inline]
     fn view(&self, blob: &Blob<'a>, kernel: Kernel) -> Option<Network<'a>> {
@@ -314,7 +314,7 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
         Network::of_layers(blob.architecture(), blob.layers(), weights, tables, kernel.isa)
     }
 
-    /// Returns the scene's proposal network. Parameters that `self` has no copy of are read from `blob`.
+    /// Returns the scene's proposal network. Parameters without a copy in `self` are read from `blob`.
     #[inline]
     fn view_proposal(&self, blob: &Blob<'a>, kernel: Kernel) -> Proposer<'a> {
         Proposer::view(blob, kernel, self.unpacked[1])
@@ -322,7 +322,7 @@ impl<'a> Prepared<&'a [f32], &'a [u8]> {
 }
 
 /// Returns the grid tables of a scene. `widened`: f32 copy of f16 tables, for kernels that need one. `decoded`: decoded
-/// copy of entropy-coded tables, the bits of an i8 in each byte. Other tables are read from the blob.
+/// copy of entropy-coded tables, in which each byte holds the bits of an i8. Other tables are read from the blob.
 fn tables_of<'a>(blob: &Blob<'a>, kernel: Kernel, widened: &'a [f32], decoded: &'a [u8]) -> GridTables<'a> {
     let values = match blob.tables() {
         None => TableValues::F32(&[]),

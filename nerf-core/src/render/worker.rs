@@ -1,4 +1,4 @@
-//! Workers: each has a renderer, a plan and working memory, set up once for any number of frames and queries.
+//! Workers. A worker has a renderer, a plan and working memory, set up once for any number of frames and queries.
 
 use super::frame::Frame;
 use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};
@@ -205,7 +205,7 @@ impl<'f> Worker<'f> {
     }
 
     /// Renders rays as [`Worker::render_rays`] does, but takes them from a function: `ray(i)` returns the `i`-th of
-    /// `count` rays, and must return the same ray in all calls with the same `i`.
+    /// `count` rays, and must always return the same ray for the same `i`.
     ///
     /// # Errors
     /// As [`Worker::render_rays`].
@@ -234,13 +234,14 @@ impl<'f> Worker<'f> {
         Ok(self.rows_of_rays::<false>(range, &ray, &|_| 0.0, axis, target))
     }
 
-    /// Draws, for path tracers, the point on each ray at which a photon collides with the field. Passes each ray's
-    /// index and pixel to `target`. `axis`: as in [`Worker::render_rays`].
+    /// Draws the point on each ray at which a photon collides with the field, for path tracers. Passes each ray's index
+    /// and pixel to `target`. `axis`: as in [`Worker::render_rays`].
     ///
     /// `random`: a number in `[0, 1]` for each ray. The number 1 is replaced by the largest f32 below 1, since rounding
-    /// to f32 may have changed a smaller number to 1. A ray collides where its opacity reaches its random number. Its
-    /// pixel then has opacity 1, the distances of the collision point, and the colour and normal of the sample there.
-    /// The pixel of a ray without a collision has opacity 0, infinite distances and the background's colour.
+    /// to f32 may have changed a smaller number to 1. A ray collides where its opacity reaches its random number. The
+    /// pixel of a ray that collides has opacity 1, the distances of the collision point, and the colour and normal of
+    /// the sample in whose interval the ray collides. The pixel of a ray without a collision has opacity 0, infinite
+    /// distances and the background's colour.
     ///
     /// The probability of a collision in a sample's interval is the sample's weight in [`Worker::render_rays`]. With
     /// uniform random numbers, the mean colour is therefore the colour that [`Worker::render_rays`] composites if the
@@ -249,9 +250,9 @@ impl<'f> Worker<'f> {
     /// With deferred shading ([`Shading::PerRay`](crate::network::Shading::PerRay)) the colour branch is evaluated for
     /// the collision's sample alone, as by [`Worker::query`]. Since a network is not linear, the mean of these colours
     /// is *not* the colour that [`Worker::render_rays`] composites. To reproduce the field's own image, a path tracer
-    /// draws the point here, and takes the colour of the same ray from [`Worker::render_rays`]. The mean opacity does
-    /// equal the composited opacity. Over the collisions, the mean distance equals the composited distance to within
-    /// one sample interval, and the mean normal has the direction of the composited normal.
+    /// takes the point from this function and the colour of the same ray from [`Worker::render_rays`]. The mean
+    /// opacity, however, equals the composited opacity. Over the collisions, the mean distance equals the composited
+    /// distance to within one sample interval, and the mean normal has the direction of the composited normal.
     ///
     /// # Errors
     /// As [`Worker::render_rays`]; [`RenderError::Random`] with the index of the first number that is not in `[0, 1]`,
@@ -271,7 +272,7 @@ impl<'f> Worker<'f> {
     }
 
     /// Draws collisions as [`Worker::sample_rays`] does. `ray(i)` returns ray `i`, and `random(i)` the random number of
-    /// ray `i`; each function must return the same value in all calls with the same `i`.
+    /// ray `i`; each function must always return the same value for the same `i`.
     ///
     /// # Errors
     /// As [`Worker::sample_rays`].
@@ -408,7 +409,8 @@ impl<'f> Worker<'f> {
     }
 }
 
-/// Returns `rays[i]`. Never panics: for an index out of range, which no caller passes, returns an arbitrary ray.
+/// Returns `rays[i]`, without code that can panic. Callers pass only valid indices; for an index out of range, the
+/// result is an arbitrary ray.
 fn ray_at(rays: &[RaySegment], i: usize) -> RaySegment {
     rays.get(i).copied().unwrap_or(Ray { origin: Vec3::ZERO, dir: Vec3::NEG_Z }.into())
 }

@@ -6,8 +6,9 @@ use core::ops::Range;
 
 /// The range `near..far` of a ray, split into `count` equal bins. All rays of an image have the same bins.
 ///
-/// Bin `i` begins at `near + i delta` and has the width `delta`: world units along the ray or, with a contraction,
-/// positions [`s`](crate::space::Contraction::distance). A ray's first and last bin may be cut ([`Bins::cut`]).
+/// Bin `i` begins at `near + i delta` and has the width `delta`. The unit is world units along the ray or, with a
+/// contraction, positions [`s`](crate::space::Contraction::distance). A ray's first and last bin may be cut
+/// ([`Bins::cut`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bins {
     near: f32,
@@ -25,7 +26,7 @@ pub(crate) struct Ends {
     pub low: f32,
     /// Beginning of the last bin, if this bin is cut; otherwise +∞.
     pub high: f32,
-    /// End of the part of the last bin in which its sample is placed, if this bin is cut; otherwise end of all bins.
+    /// Upper limit of the sample's position in the last bin, if this bin is cut; otherwise end of all bins.
     pub far: f32,
     /// End of the used part of the last bin, at most `far`, if this bin is cut; otherwise +∞. The density of a
     /// sample between `stop` and `far` is used for the part of the bin in front of `stop`.
@@ -81,7 +82,7 @@ impl Bins {
     ///
     /// `far` cuts the last bin and moves the bin's samples in front of `far`. `start` and `stop` cut only the widths of
     /// bins and leave the samples in place, so that a sample's contribution is continuous in `start` and `stop`. Bins
-    /// that are not cut are bit-identical to before.
+    /// without a cut stay bit-identical.
     pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {
@@ -204,7 +205,7 @@ impl Bins {
     }
 
     /// Distance along the ray of the point at fraction `u` of bin `i`: 0 is the beginning, ½ the middle, 1 the end.
-    /// Never above `far`, in spite of rounding.
+    /// Never beyond the end of the last bin, in spite of rounding.
     #[inline]
     pub fn at(&self, i: u32, u: f32) -> f32 {
         self.points(i as f32, u, self.ends.parts())
@@ -239,7 +240,8 @@ impl Bins {
         self.points(i, half, [V::splat(start), V::splat(low), V::splat(high), V::splat(far), V::splat(stop)])
     }
 
-    /// Distance of the point at fraction `u`, in `[0, 1)`, of bin `i`; never rounded up to the next bin's start.
+    /// Distance along the ray of the point at fraction `u` of bin `i`; never rounded up to the next bin's start. `u`
+    /// must be in `[0, 1)`.
     #[inline]
     pub fn within(&self, i: u32, u: f32) -> f32 {
         let (start, end) = (self.at(i, 0.0), self.at(i, 1.0));

@@ -35,9 +35,9 @@ impl Spacing<'_> {
         }
     }
 
-    /// Returns the interval of the sample at `t`. `t`: unit as in [`Spacing::point`]. `ends`: where the ray's first and
-    /// last bin are cut, in the order of [`Ends::parts`]. `near`, used only in an unbounded scene: least distance of a
-    /// sample, world units from the point at which `t` is 0.
+    /// Returns the interval of the sample at `t`. `t`: unit as in [`Spacing::point`]. `ends`: cuts of the ray's first
+    /// and last bin, in the order of [`Ends::parts`]. `near`: least distance of a sample from the point at which `t` is
+    /// 0, world units; used only in an unbounded scene.
     #[inline(always)]
     pub fn interval<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> SampleInterval<V> {
         if self.contraction.is_some() {
@@ -57,8 +57,8 @@ impl Spacing<'_> {
         }
     }
 
-    /// Returns the interval of the sample at distance `t`, in a bounded scene, if the sample lies in a cut bin (only a
-    /// ray's first and last bin may be cut). Wrong for samples in other bins. `ends`: as in [`Spacing::interval`].
+    /// Returns the interval of the sample at distance `t` in a bounded scene. The sample must lie in a cut bin: only a
+    /// ray's first and last bin may be cut. Wrong for samples in other bins. `ends`: as in [`Spacing::interval`].
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;

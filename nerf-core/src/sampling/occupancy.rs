@@ -1,4 +1,4 @@
-//! The occupancy grid: which cells of the scene box may have density.
+//! The occupancy grid, which marks the cells of the scene box that may have density.
 
 use super::Bins;
 use crate::camera::Ray;
@@ -30,8 +30,8 @@ pub(crate) struct OccupancyLanes<'a, V> {
 }
 
 impl<V: Lanes> OccupancyLanes<'_, V> {
-    /// Bit `i` of the result: whether the point in lane `i` lies in an occupied cell. `points`: x, y and z of the
-    /// points; a point outside the box is looked up in the nearest cell.
+    /// Looks up a vector of points: bit `i` of the result is 1 if the point in lane `i` lies in an occupied cell.
+    /// `points`: x, y and z of the points. A point outside the box is looked up in the nearest cell.
     #[inline(always)]
     pub fn occupied(&self, points: [V; 3]) -> u32 {
         let mut cells = points;
@@ -112,7 +112,7 @@ impl<'a> OccupancyGrid<'a> {
         x.wrapping_mul(ny).wrapping_add(y).wrapping_mul(nz).wrapping_add(z)
     }
 
-    /// Finds the first bin of `from..end` whose sample lies in an occupied cell. Returns `end` if there is none. The
+    /// Finds the first bin of `from..end` whose sample lies in an occupied cell. Returns `end` if no sample does. The
     /// sample of `bin` lies at `t(bin)`, which must not decrease from bin to bin.
     ///
     /// The result is as if each bin's sample were tested with [`OccupancyGrid::occupied`]. If bins are smaller than
@@ -148,8 +148,8 @@ impl<'a> OccupancyGrid<'a> {
         end
     }
 
-    /// Approximate number of bins on the ray, of direction `dir`, from the point `p` to the exit from `p`'s cell
-    /// `cell`. `cells_per_bin`: number of cells that a ray crosses in one bin, along x, y, z.
+    /// Estimates the number of bins from the point `p` to the point where a ray of direction `dir` leaves `cell`, the
+    /// cell of `p`. `cells_per_bin`: number of cells that the ray crosses in one bin, along x, y, z.
     #[inline]
     fn bins_to_exit(&self, p: Vec3, cell: [usize; 3], dir: Vec3, cells_per_bin: Vec3) -> u32 {
         let low = Vec3::from(cell.map(|side| side as f32));

@@ -1,4 +1,4 @@
-//! AVX2 and FMA implementation of the vectors: eight lanes.
+//! AVX2 and FMA implementation of the vector traits [`Lanes`] and [`Indices`]: eight lanes.
 
 use super::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
 use super::leaf::{Quads, address, instructions, lanes_in_memory, last_word};

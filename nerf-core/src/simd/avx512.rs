@@ -1,4 +1,4 @@
-//! AVX-512 F implementation of the vectors: sixteen lanes.
+//! AVX-512 F implementation of the vector traits [`Lanes`] and [`Indices`]: sixteen lanes.
 
 use super::lanes::{Indices, SQRT_HALF_BITS, bits_by_lane};
 use super::leaf::{Quads, address, instructions, lanes_in_memory, last_word};

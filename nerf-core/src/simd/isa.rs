@@ -137,7 +137,7 @@ mod cpu {
     pub const AVX2: u8 = 1;
     pub const AVX512: u8 = 2;
     pub const AVX512_BF16: u8 = 4;
-    /// Bit of `FEATURES`, the stored result of the query of CPU and OS; set once the query has been made.
+    /// Bit that marks `FEATURES` as valid: set after CPU and OS have been queried.
     const ASKED: u8 = 0x80;
 
     static FEATURES: AtomicU8 = AtomicU8::new(0);

@@ -5,15 +5,15 @@ use super::{MAX_LANES, sealed};
 
 /// A vector of `u32`, used as indices of table entries. Arithmetic wraps.
 pub trait Indices: Copy {
-    /// `x` in every lane.
+    /// Returns a vector with `x` in every lane.
     fn splat(x: u32) -> Self;
     /// `self + b` for each lane, modulo 2^32.
     fn add(self, b: Self) -> Self;
     /// `self * b` for each lane, modulo 2^32.
     fn mul(self, b: Self) -> Self;
-    /// Bitwise exclusive or of each lane.
+    /// Bitwise exclusive or of `self` and `b`, for each lane.
     fn xor(self, b: Self) -> Self;
-    /// Bitwise and of each lane.
+    /// Bitwise and of `self` and `b`, for each lane.
     fn and(self, b: Self) -> Self;
     /// The smaller of `self` and `b`, for each lane.
     fn min(self, b: Self) -> Self;
@@ -52,7 +52,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// A vector of `COUNT` u32.
     type Indices: Indices;
 
-    /// `x` in every lane.
+    /// Returns a vector with `x` in every lane.
     fn splat(x: f32) -> Self;
     /// Loads the first `COUNT` values of `from`.
     ///
@@ -80,13 +80,13 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn max_of(self, b: Self) -> Self;
     /// The smaller value: `self` if `self < b`, else `b`. If either value is NaN, the result is `b`.
     fn min_of(self, b: Self) -> Self;
-    /// The square root, correctly rounded.
+    /// Square root of each lane, correctly rounded.
     fn sqrt(self) -> Self;
     /// Absolute value of each lane.
     fn abs(self) -> Self;
-    /// The nearest integer, ties to even, for every finite value.
+    /// Rounds each lane to the nearest integer, ties to even. Valid for all finite values.
     fn round_even(self) -> Self;
-    /// The largest integer that is at most `self`, for every finite value.
+    /// Rounds each lane down to an integer. Valid for all finite values.
     #[inline(always)]
     fn floor(self) -> Self {
         let nearest = self.round_even();
@@ -96,7 +96,7 @@ pub trait Lanes: Copy + sealed::Sealed {
     fn exp2_integer(self) -> Self;
     /// Splits each positive normal number into mantissa and exponent `(m, e)`: `self = m 2^e`, `m` in `[√½, √2)`.
     fn split_exponent(self) -> (Self, Self);
-    /// Mask of the lanes with `self == b`; a NaN equals nothing.
+    /// Mask of the lanes with `self == b`; false if either value is NaN.
     fn equals(self, b: Self) -> Self::Mask;
     /// Mask of the lanes with `self < b`.
     fn less(self, b: Self) -> Self::Mask;
@@ -192,7 +192,7 @@ pub fn weighted_rows_by_lane<V: Lanes, T: Value, const ROWS: usize>(
 pub(crate) const LANES: [f32; MAX_LANES] =
     [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
 
-/// Bits of √½, the lower bound of the mantissa in `split_exponent`.
+/// Bits of the f32 nearest to √½, the lower bound of the mantissa in `split_exponent`.
 pub(crate) const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
 
 impl Lanes for f32 {

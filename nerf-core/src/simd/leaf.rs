@@ -58,9 +58,11 @@ pub(super) use {instructions, lanes_in_memory};
 /// its own table rows to sum. Pass `LANE` (0 to 3) sums the rows of lane `LANE` of every group. During this pass, the
 /// four lanes of a group hold four neighbouring values of one of these rows.
 pub trait Quads: Lanes {
-    /// Whether [`weighted_rows`] moves offsets from vectors to scalar registers through memory, where this is faster.
+    /// Whether [`weighted_rows`] moves offsets from vectors to scalar registers through memory. True for instruction
+    /// sets on which this is faster.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether each pass of [`weighted_rows`] stores its sums to memory: the compiler then starts the next pass later.
+    /// Whether each pass of [`weighted_rows`] stores its sums to memory. This keeps the compiler from moving loads of
+    /// the next pass in front of the store.
     const SUMS_IN_MEMORY: bool = false;
     /// Offset of a table value for each lane, in values from the start of the table.
     type Offsets: Copy;
@@ -77,9 +79,11 @@ pub trait Quads: Lanes {
     ) -> Self;
     /// Copies lane `LANE` of each group to all four lanes of the group.
     fn repeat<const LANE: usize>(self) -> Self;
-    /// `[a0, b0, a1, b1]` and `[a2, b2, a3, b3]` for each group `[a0, a1, a2, a3]` of `self` and the same group of `b`.
+    /// Interleaves lanes: returns `[a0, b0, a1, b1]` and `[a2, b2, a3, b3]` for each group `[a0, a1, a2, a3]` of `self`
+    /// and the same group `[b0, b1, b2, b3]` of `b`.
     fn zip(self, b: Self) -> [Self; 2];
-    /// `[a0, a1, b0, b1]` and `[a2, a3, b2, b3]` for each group `[a0, a1, a2, a3]` of `self` and the same group of `b`.
+    /// Interleaves pairs of lanes: returns `[a0, a1, b0, b1]` and `[a2, a3, b2, b3]` for each group `[a0, a1, a2, a3]`
+    /// of `self` and the same group `[b0, b1, b2, b3]` of `b`.
     fn zip_pairs(self, b: Self) -> [Self; 2];
 }
 
@@ -130,7 +134,8 @@ fn four<V: Quads, T: Value, const ROWS: usize>(
     [v0, v1, v2, v3]
 }
 
-/// Returns the four sums of [`four`] for lane `LANE` of each group ([`Quads`]), in the four lanes of the group.
+/// Computes the four sums of [`four`] for lane `LANE` of each group ([`Quads`]). Returns the sums of a group in the
+/// group's four lanes.
 #[inline(always)]
 fn sum_of_lane<V: Quads, T: Value, const ROWS: usize, const LANE: usize>(
     table: Table<'_, T>,
@@ -153,8 +158,9 @@ pub fn address<T: Value>(table: Table<'_, T>, offset: u32, plus: usize) -> *cons
     table.values.as_ptr().wrapping_add(offset as usize + plus).cast()
 }
 
-/// Returns the largest index of an entry at which a row (two entries) fits inside the table: indices of rows are
-/// clamped to it. `None` if the length of a row is no multiple of four values, or if the table is shorter than a row.
+/// Returns the largest index at which a row (two entries) fits inside the table, in entries. [`weighted_rows`] clamps
+/// the indices of rows to this index. `None` if the length of a row is no multiple of four values, or if the table is
+/// shorter than a row.
 #[inline(always)]
 fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     let entries = match features {

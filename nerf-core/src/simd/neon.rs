@@ -1,5 +1,5 @@
-//! NEON implementation of the vectors: four lanes, with fused multiply-adds. There is no run-time detection, since
-//! every 64-bit ARM processor has NEON.
+//! NEON implementation of the vector traits [`Lanes`] and [`Indices`]: four lanes, with fused multiply-adds. There is
+//! no run-time detection, since every 64-bit ARM processor has NEON.
 
 use super::lanes::{Indices, SQRT_HALF_BITS};
 use super::leaf::{Quads, address, instructions, lanes_in_memory};

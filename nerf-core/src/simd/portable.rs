@@ -1,4 +1,4 @@
-//! Portable implementation of the vectors: sixteen lanes of plain f32, without fused multiply-adds.
+//! Portable implementation of the vector traits [`Lanes`] and [`Indices`]: sixteen lanes, without fused multiply-adds.
 //!
 //! Results equal those of the one-lane vector `f32` bit for bit. The compiler vectorises the loops over lanes.
 

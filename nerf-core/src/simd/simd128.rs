@@ -1,5 +1,5 @@
-//! WebAssembly SIMD implementation of the vectors: four lanes, without fused multiply-adds. Results equal those of
-//! `Portable` bit for bit.
+//! WebAssembly SIMD implementation of the vector traits [`Lanes`] and [`Indices`]: four lanes, without fused
+//! multiply-adds. Results equal those of `Portable` bit for bit.
 //!
 //! There is no run-time detection: an engine without these instructions refuses to load the module. Relaxed SIMD could
 //! fuse multiply-adds, but its results depend on the engine.

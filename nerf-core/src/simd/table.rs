@@ -64,7 +64,7 @@ pub struct Table<'a, T> {
 }
 
 impl<'a, T: Value> Table<'a, T> {
-    /// Makes a table of `values`, which must be finite. `scales`: the factor ([`Table::scale`]) of each grid level, a
+    /// Makes a table of `values`, which must be finite. `scales`: the factors of the grid levels ([`Table::scale`]),
     /// little-endian f32 at any alignment; used only if the values are integers.
     #[inline(always)]
     pub fn new(values: &'a [T], scales: &'a [u8]) -> Self {
@@ -78,7 +78,8 @@ impl<'a, T: Value> Table<'a, T> {
         Self { values: rest.get(..count).unwrap_or(rest), ..self }
     }
 
-    /// Reads value `at[lane] + plus`, without [`Table::scale`], for the first `lanes` lanes; 0 beyond the table's end.
+    /// Reads the value with index `at[lane] + plus` for each of the first `lanes` lanes; 0 beyond the table's end. Does
+    /// not multiply by [`Table::scale`].
     #[inline(always)]
     pub fn read(self, at: &[u32; MAX_LANES], plus: usize, lanes: usize) -> [f32; MAX_LANES] {
         let (mut found, mut values) = ([T::default(); MAX_LANES], [0.0; MAX_LANES]);
@@ -91,7 +92,7 @@ impl<'a, T: Value> Table<'a, T> {
         values
     }
 
-    /// Returns the factor by which integers of level `level` of a grid are multiplied; 1 for tables of floats.
+    /// Returns the factor by which the integers of grid level `level` are multiplied; 1 for a table of floats.
     #[inline(always)]
     pub fn scale(self, level: usize) -> f32 {
         match T::FORMAT {

@@ -114,7 +114,7 @@ pub(crate) struct Accumulator {
     rgb: [Sum; 3],
     opacity: Sum,
     distance: Sum,
-    /// Sum of the weights of the samples since the last added colour.
+    /// Summed weights of the samples since the last added colour.
     uncoloured: f32,
     left: f32,
 }
@@ -126,13 +126,13 @@ impl Accumulator {
         Self { tau: zero, rgb: [zero; 3], opacity: zero, distance: zero, uncoloured: 0.0, left: 1.0 }
     };
 
-    /// Optical thickness so far, `Σ sigma delta`.
+    /// Optical thickness of the samples added so far, `Σ sigma delta`.
     #[inline]
     pub fn optical_thickness(&self) -> f32 {
         self.tau.value
     }
 
-    /// Transmittance after the samples so far: `exp(−Σ sigma delta)`.
+    /// Transmittance behind the samples added so far: `exp(−Σ sigma delta)`.
     #[inline]
     pub fn transmittance(&self) -> f32 {
         self.left
@@ -199,10 +199,10 @@ impl Accumulator {
         collides
     }
 
-    /// Decides whether the colour of the last sample is evaluated: only if the sum of the weights of the samples since
-    /// the last evaluated colour exceeds `cut`. Then returns the sum and resets it to 0; else returns `None`. For a
-    /// returned sum, the caller must evaluate the last sample's colour and call [`Accumulator::add_colour`] with sum
-    /// and colour, or call [`Accumulator::colour_all`] at the end of the ray.
+    /// Decides whether the last sample's colour is evaluated. The state holds the summed weights of the samples since
+    /// the last evaluated colour. If this sum exceeds `cut`, returns the sum and resets it to 0; else returns `None`.
+    /// For a returned sum, the caller must evaluate the last sample's colour and call [`Accumulator::add_colour`] with
+    /// sum and colour, or call [`Accumulator::colour_all`] at the end of the ray.
     ///
     /// Samples of low weight thus get the colour of the next evaluated sample. Samples left without a colour have a
     /// total weight of at most `cut`. If `cut` is 0 at every call, the result is the last sample's own weight.
@@ -226,13 +226,14 @@ impl Accumulator {
         self.add_colour(self.opacity.value - self.uncoloured, rgb);
     }
 
-    /// Returns the pixel over `background`. `start`: distance along the ray from which the samples' `t` is measured;
-    /// added to the mean of `t`. `cut`: whether the ray was terminated early. The pixel of a terminated ray is opaque:
-    /// the ray's mean colour replaces the background. `far`: distance of a pixel without a surface; other distances
-    /// along the ray are clamped to `far`. `z_per_distance`: cosine between ray and view axis.
+    /// Returns the ray's pixel, over `background`. `start`: distance along the ray from which the samples' `t` is
+    /// measured; added to the mean of `t`. `cut`: whether the ray was terminated early. The pixel of a terminated ray
+    /// is opaque: the ray's mean colour replaces the background. `far`: distance of a pixel without a surface; other
+    /// distances along the ray are clamped to `far`. `z_per_distance`: cosine between ray and view axis.
     ///
-    /// The last samples may have no evaluated colour. If such samples weigh less than the coloured samples, they get
-    /// the ray's mean colour; else they stay black. Median distance and normal stay 0.
+    /// The last samples may have no evaluated colour. If the weights of these samples add up to less than the weights
+    /// of the coloured samples, they get the ray's mean colour; else they stay black. Sets no median distance and no
+    /// normal: both stay 0.
     ///
     /// # Source
     /// Müller et al. 2022, the authors' renderer: opaque pixels of terminated rays.

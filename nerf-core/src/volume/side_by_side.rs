@@ -8,11 +8,13 @@ use crate::simd::{BLOCK, Lanes};
 pub(crate) const ROWS: usize = 8;
 /// The compositing state of a block of rays, `[row][ray]`.
 pub(crate) type Rows = [[f32; BLOCK]; ROWS];
-/// Row of the sum of optical thickness. The row after `TAU`, `OPACITY` or `DISTANCE` holds that sum's rounding error.
+/// Row that holds the sum of optical thickness of each ray. The row after `TAU`, `OPACITY` or `DISTANCE` holds the
+/// rounding error of the sum in that row.
 const TAU: usize = 0;
 const OPACITY: usize = 2;
 const DISTANCE: usize = 4;
-/// Row of the sum of the weights of the samples since the last added colour. The next row, `LEFT`, holds transmittance.
+/// Row that holds the summed weights of each ray's samples since the last added colour. The next row, `LEFT`, holds the
+/// transmittance.
 const UNCOLOURED: usize = 6;
 pub(crate) const LEFT: usize = 7;
 

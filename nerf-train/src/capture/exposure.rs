@@ -10,18 +10,19 @@ use std::borrow::Borrow;
 
 /// Number of rounds of iteratively reweighted least squares.
 const ROUNDS: usize = 30;
-/// Residuals of log colour smaller than this are raised to it, so that the weight 1 / |residual| stays bounded.
+/// Lower limit of the absolute residual of log colour in the weight 1 / |residual|. It keeps the weight bounded.
 const SMALLEST_RESIDUAL: f64 = 0.02;
-/// Smallest and largest mean colour used, on the scale 0 to 255. Smaller values are too dark, larger ones clipped.
+/// Range of usable mean colours, on the scale 0 to 255. Below the range a colour is too dark, above it clipped.
 const USABLE: (f64, f64) = (15.0, 245.0);
-/// A colour is averaged over a square of 5 × 5 pixels: this number of pixels on each side of the middle one.
+/// Number of pixels on each side of the middle pixel of the averaged square, which has 5 × 5 pixels.
 const HALF_SIDE: i64 = 2;
-/// Gains are measured if at least half of the photographs, and at least two, have this number of lines of sight.
+/// Number of lines of sight that make a photograph usable. Gains are measured if at least two photographs, and at least
+/// half of all, are usable.
 const ENOUGH_SIGHTS: usize = 20;
-/// Exposure is fitted if the standard deviation of the log gains is at least this. On two captures of constant exposure
+/// Smallest standard deviation of the log gains at which exposure is fitted. On two captures of constant exposure
 /// (measured standard deviations 0.043 and 0.079), fitted gains made the result 0.2 to 0.7 dB worse.
 pub const CALLED_FOR: f64 = 0.12;
-/// Exposure is also fitted if one photograph's absolute log gain is at least this: a factor of two.
+/// Absolute log gain of a single photograph at which exposure is also fitted: a factor of two.
 const FAR_OFF: f32 = std::f32::consts::LN_2;
 
 /// Natural logarithm of each photograph's gain (a factor on display-encoded colour) in red, green and blue.
@@ -40,7 +41,8 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Returns index and log gain (mean of channels) of the photograph with the largest |log gain|; `None` below ln 2.
+    /// Returns the photograph with the largest |log gain|, averaged over the channels: its index and log gain. `None`
+    /// if |log gain| is below ln 2.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));

@@ -6,13 +6,14 @@ use rayon::prelude::*;
 use std::borrow::Borrow;
 use std::fmt;
 
-/// A point is used if at least this number of photographs show it: two may be a wrong match.
+/// Minimum number of photographs that show a usable point: a point in two photographs may be a wrong match.
 const MIN_TRACK: u32 = 3;
-/// A point is not used if its mean reprojection error is at least this, pixels of the full-size photograph.
+/// Mean reprojection error at or above which a point is not used, pixels of the full-size photograph.
 const MAX_ERROR: f32 = 2.0;
-/// A key point is not used if its 3D point projects at least this far away from it, pixels of the view.
+/// Distance between a key point and the projection of its 3D point, at or above which the key point is not used; pixels
+/// of the view.
 const MAX_RESIDUAL: f32 = 3.0;
-/// The confidence of a point rises with the number of photographs that show it, up to this number.
+/// Number of photographs that must show a point for full confidence in the point.
 const FULL_TRACK: f32 = 6.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,8 +24,8 @@ pub struct Sight {
     pub point: u32,
     /// Distance from the camera to the point, world units.
     pub distance: f32,
-    /// `min(1, track / 6) / (1 + error²)`, 0 to 1. `track`: number of photographs that show the point; `error`: mean
-    /// reprojection error of the point, pixels.
+    /// Confidence, 0 to 1: `min(1, track / 6) / (1 + error²)`. `track`: number of photographs that show the point.
+    /// `error`: mean reprojection error of the point, pixels.
     pub confidence: f32,
 }
 
@@ -32,9 +33,10 @@ pub struct Sight {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sights {
     pub of_views: Vec<Vec<Sight>>,
-    /// For each view, number of key points left out because their 3D point does not project near the key point.
+    /// Number of key points of each view that are not used because their 3D point does not project near them.
     pub contradictory: Vec<usize>,
-    /// Number of key points of all views that are not used because their 3D point has a short track or a large error.
+    /// Number of key points of all views that are not used because too few photographs show their 3D point, or because
+    /// the point's reprojection error is too large.
     doubtful: usize,
 }
 

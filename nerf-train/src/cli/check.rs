@@ -44,8 +44,9 @@ pub struct Check {
     /// unpredicted.txt.
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Cross-validate: fit the scene 8 times, each time without another eighth of the photographs, and list the
-    /// photographs predicted worst when left out (unpredicted.txt). STEPS: training steps of a fit, 4000 if not given.
+    /// Cross-validate: fit the scene 8 times, each time without a different eighth of the photographs, and list the
+    /// photographs that are predicted worst when left out (unpredicted.txt). STEPS: training steps of a fit, 4000 if
+    /// not given.
     #[arg(
         long,
         value_name = "STEPS",
@@ -102,7 +103,8 @@ impl Check {
         global.finish_with(&summary, || print_lines(lines))
     }
 
-    /// Cross-validates the photographs of `dataset`, in fits of `steps` steps with the preset's other settings.
+    /// Cross-validates the photographs of `dataset` in fits of `steps` steps. Near and far planes are those of the
+    /// flags, if given. All other settings are the preset's.
     fn cross_validated(
         &self,
         dataset: &Dataset,

@@ -108,7 +108,7 @@ impl Global {
     }
 
     /// Prints the result to stdout: as JSON with `--json`, else its fields as lines. A command must print its result by
-    /// one call of this or of [`Self::finish_with`]: with `--json`, stdout must hold one JSON object.
+    /// one call of this function or of [`Self::finish_with`]: with `--json`, stdout must hold one JSON object.
     pub fn finish(&self, result: &impl Serialize) -> anyhow::Result<ExitCode> {
         self.finish_with(result, || print(lines(result)?.trim_end()))
     }

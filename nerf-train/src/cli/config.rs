@@ -65,7 +65,7 @@ fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     Ok(text)
 }
 
-/// Returns (comment lines, name) of each field of the struct `name` in [`SOURCES`]; `None` if there is no such struct.
+/// Returns (comment lines, name) of each field of the struct `name` in [`SOURCES`]; `None` if no such struct exists.
 fn fields(name: &str) -> Option<Vec<(Vec<&'static str>, &'static str)>> {
     let (_, body) = SOURCES.split_once(&format!("pub struct {name} {{\n"))?;
     let (body, _) = body.split_once("\n}")?;

@@ -36,7 +36,8 @@ impl Split {
         }
     }
 
-    /// Returns at most `count` evenly spaced views of the split; fails if it is empty. `data`: path for the error.
+    /// Returns at most `count` evenly spaced views of the split; fails if the split is empty. `data`: path for the
+    /// error.
     pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
         let views = spread(self.of(dataset), count);
         ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());
@@ -168,14 +169,15 @@ impl Eval {
         Ok(views)
     }
 
-    /// Returns `views` with the refined poses stored next to the scene file; `None` if any of them has no refined pose.
+    /// Returns `views` with the refined poses stored next to the scene file; `None` if any view has no refined pose.
     fn refined(&self, dataset: &Dataset, views: &[&View]) -> anyhow::Result<Option<Vec<View>>> {
         let Some(refined) = RefinedPoses::beside(&self.file)? else { return Ok(None) };
         let cameras = refined.cameras(&self.file, views.iter().copied(), dataset.origin)?;
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Prints a note if `--background` differs from the scene file's background `own`, but all photographs are opaque.
+    /// Prints a note if `--background` differs from `own`, the scene file's background, although all photographs are
+    /// opaque. Opaque photographs keep their own background.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

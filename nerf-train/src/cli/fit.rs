@@ -77,8 +77,7 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Ray-march steps across the longest side of the scene box; unbounded scene: across the ball that is not
-    /// contracted.
+    /// Ray-march steps across the longest side of the scene box; in an unbounded scene, across the uncontracted ball.
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
     /// Maximum file size, such as 256k or 1m; table size, levels, storage and occupancy grid are chosen to fit.
@@ -179,7 +178,8 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns settings adapted to the photographs' resolution, the length of the run and `--max-bytes`; reports them.
+    /// Adapts the settings to the photographs' resolution, the length of the run and `--max-bytes`. Reports and returns
+    /// the adapted settings.
     fn sized(
         &self,
         config: Config,
@@ -288,7 +288,8 @@ impl Fit {
         }
     }
 
-    /// Writes the refined poses next to the scene file. If this fit has none, removes the file of an earlier fit.
+    /// Writes the refined poses next to the scene file. If this fit has no refined poses, removes the file of an
+    /// earlier fit.
     fn write_poses(&self, outcome: &Outcome) -> anyhow::Result<()> {
         let file = refined::beside(&self.conduct.output);
         match &outcome.refined_poses {

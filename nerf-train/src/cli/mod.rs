@@ -105,7 +105,7 @@ pub(crate) fn interrupted_json(message: &str) {
     print_error(message);
 }
 
-/// Parses the arguments. Ends the process if they are wrong or ask for help.
+/// Parses the arguments. Ends the process if the arguments are wrong or ask for help.
 fn parse() -> Cli {
     Cli::try_parse().unwrap_or_else(|error| {
         // Parsing has failed, so `--json` is looked for in the raw arguments.

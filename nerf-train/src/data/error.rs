@@ -6,7 +6,8 @@ use nerf_core::space::BoundsError;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Error of reading a data set: which file, which field, what was expected and what was found.
+/// Error of reading a data set. The message names the file and the field, and says what was expected and what was
+/// found.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatasetError {
@@ -35,7 +36,7 @@ impl DatasetError {
         Self::Fault { path: path.into(), fault: fault.into() }
     }
 
-    /// Makes the error that `place` in a file holds another value than expected.
+    /// Makes the error that the value at `place` in a file is not as expected.
     pub(super) fn value(
         file: &Path,
         place: impl Display,

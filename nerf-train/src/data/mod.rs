@@ -141,7 +141,8 @@ impl Dataset {
         Ok(())
     }
 
-    /// Stores `origin` in [`Self::origin`], the name and a note. All coordinates must be relative to `origin` already.
+    /// Records `origin` in [`Self::origin`], in the name and in a note. All coordinates must be relative to `origin`
+    /// already. An origin of 0 changes nothing.
     pub(crate) fn counted_from(mut self, origin: DVec3) -> Self {
         if origin == DVec3::ZERO {
             return self;
@@ -211,7 +212,7 @@ impl Axes {
         }
     }
 
-    /// Converts a pose of this convention to the project's; the conversion is its own inverse.
+    /// Converts a pose from this convention to the project's (OpenGL). The conversion is its own inverse.
     pub fn to_opengl(self, pose: Pose) -> Pose {
         let mut pose = pose;
         if self == Self::Opencv {
@@ -246,7 +247,8 @@ impl std::str::FromStr for Axes {
 /// Choice between the cameras (sets of intrinsics) of a COLMAP reconstruction and one camera per device (`--cameras`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Cameras {
-    /// One camera for each device. For a reconstruction with one per photograph, bundle adjustment is repeated.
+    /// One camera for each device. If the reconstruction has one camera per photograph, the cameras of each device are
+    /// merged, and bundle adjustment is repeated.
     #[default]
     Shared,
     /// The cameras of the reconstruction, unchanged.
@@ -268,7 +270,8 @@ impl std::str::FromStr for Cameras {
 /// Suffix of the name of a data set with shared cameras (one camera for each device).
 const SHARED: &str = ", shared cameras";
 
-/// Returns the choice of cameras with which a scene was trained, from `name`, the data set's name in its `.nerf` blob.
+/// Returns the choice of cameras with which a scene was trained. `name`: the data set's name in the scene's `.nerf`
+/// blob.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
@@ -277,30 +280,34 @@ pub fn cameras_in_name(name: &str) -> Cameras {
 /// Options for reading a data set, which override what its files state.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
-    /// Overrides the pose convention that is usual for the layout (`--axes`).
+    /// Pose convention (`--axes`) that replaces the usual one of the layout.
     pub axes: Option<Axes>,
-    /// Overrides the distance at which rays begin, world units.
+    /// Distance at which rays begin, world units; overrides the data set's.
     pub near: Option<f32>,
-    /// Overrides the distance at which rays end, world units.
+    /// Distance at which rays end, world units; overrides the data set's.
     pub far: Option<f32>,
     /// Size limit of an unpacked array of an archive, bytes, against zip bombs; `None`: 4 GiB.
     pub max_array_bytes: Option<u64>,
-    /// Whether pictures that a path or link places outside of the data set's folder are read (`--outside-files`).
+    /// Whether pictures outside of the data set's folder are read (`--outside-files`). A path or a link may lead to
+    /// such pictures.
     pub outside_files: bool,
-    /// Layout in which a folder is read, if several fit (`--layout`).
+    /// Layout to read if several layouts fit a folder (`--layout`); `None`: the first that fits.
     pub layout: Option<Layout>,
-    /// Factor by which photographs are reduced (`--downscale`); [`Downscale::Auto`] reduces nothing in Blender folders.
+    /// Factor by which photographs are reduced (`--downscale`). [`Downscale::Auto`] leaves Blender pictures at full
+    /// size.
     pub downscale: Downscale,
-    /// Index, 0 to 7, of the held-out view among each eight in the order of names; unused if the data set has splits.
+    /// Index, 0 to 7, of the validation view in each group of eight views, sorted by name. Unused if the data set
+    /// states splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
-    /// File that stores shared cameras. If it was made from this reconstruction, it is read; otherwise it is written,
-    /// unless `to_measure` is true. `None`: shared cameras are not stored.
+    /// File that stores shared cameras. The file is read if it was made from the same reconstruction. Otherwise it is
+    /// written, unless `to_measure` is true. `None`: shared cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
-    /// Origin of all coordinates, in the file's world ([`Dataset::origin`]). To evaluate a `.nerf` blob, pass its
-    /// origin. `None`: the file's origin or, if the cameras are far from the file's origin, a point near the cameras.
+    /// Origin of all coordinates, in the world of the data set's files ([`Dataset::origin`]). To evaluate a `.nerf`
+    /// blob, pass the blob's origin. `None`: the files' origin or, if the cameras are far from it, a point near the
+    /// cameras.
     pub origin: Option<[f64; 3]>,
-    /// Whether the data are read to evaluate an existing field: then no training views are required.
+    /// Whether the data are read to evaluate an existing field. Training views are then optional.
     pub to_measure: bool,
 }
 
@@ -320,7 +327,7 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError>
     read_watched(path, options, &Watch::default())
 }
 
-/// Does the same as [`read`]. Counts the pictures in `watch`, from which another thread can show the progress.
+/// Reads a data set as [`read`] does, and counts the pictures in `watch`, so that another thread can show the progress.
 pub fn read_watched(path: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     check_range(options.near, options.far)?;
     let kind = std::fs::metadata(path).map_err(|source| DatasetError::io(path, source))?;

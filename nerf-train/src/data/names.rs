@@ -12,7 +12,7 @@ const MAX_BYTES: usize = 200;
 
 /// File name stems of the views of a split; no two are equal, even if case is ignored.
 ///
-/// `./train/r_3.png` becomes `train_r_3`. Letters of any script stay. A stem that an earlier view has, or that the
+/// `./train/r_3.png` becomes `train_r_3`. Letters of any script are kept. A stem that an earlier view has, or that the
 /// report needs for itself, gets a number: `照片/一.png` and `照片_一.jpg` become `照片_一` and `照片_一_2`. The stems depend on
 /// the whole split, so that a view has the same stem in every command.
 #[derive(Clone, Debug)]

@@ -9,7 +9,7 @@ use nerf_core::camera::Camera;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-/// A data set with fewer training photographs than this gets a warning.
+/// Number of training photographs below which the report contains a warning.
 const FEW: usize = 6;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -38,7 +38,7 @@ pub struct Report {
     pub points: usize,
     /// Number of distinct cameras, by intrinsics and lens.
     pub cameras: usize,
-    /// Position, in the world of the data set's files, of the origin of all coordinates in this report.
+    /// Origin of all coordinates in this report, in the world of the data set's files.
     pub origin: [f64; 3],
     pub notes: Vec<String>,
     /// Warnings from reading the data set, then warnings of this report.
@@ -119,8 +119,9 @@ fn one_place(dataset: &Dataset) -> Option<String> {
     (count > 0).then(|| format!("{count} views have the pose of another: {names}"))
 }
 
-/// Returns a warning, with a remedy, if the cameras do not look at a common place. If their axes meet behind them, the
-/// remedy is the other convention ([`Axes::other`]). Forward-facing captures get no warning: their axes need not meet.
+/// Returns a warning, with a remedy, if the cameras do not look at a common point. If the axes meet behind the cameras,
+/// the remedy is the other pose convention ([`Axes::other`]). Forward-facing captures get no warning, because their
+/// axes need not meet.
 fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {
     if look_at.agrees() || look_at.forward_facing() {
         return None;
@@ -147,7 +148,8 @@ fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<Stri
     Some(warning)
 }
 
-/// Whether the optical axes would meet near a point if every matrix were world-to-camera, as it then probably is.
+/// Whether the optical axes would meet near a point if the matrices were read as world-to-camera. The matrices are then
+/// probably world-to-camera.
 fn inverse_meets(cameras: &[Camera]) -> bool {
     let line = |camera: &Camera| {
         let inverse = camera.pose().rotation.transpose();

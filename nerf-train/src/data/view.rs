@@ -52,15 +52,18 @@ impl View {
         if x < width && y < height { self.pixels.get(index).copied() } else { None }
     }
 
-    /// Returns the same picture with another camera, which must have the same picture size.
+    /// Returns a copy of this view with `camera` in place of its own camera. Both cameras must have the same picture
+    /// size.
     pub fn seen_from(&self, camera: Camera) -> Self {
         Self { camera, ..self.clone() }
     }
 
-    /// Returns a small view, quick to evaluate: the middle pixel of each block of `step` × `step` pixels, and a camera
-    /// that has exactly the rays of these pixels. `step` must be odd. Along a side shorter than `step`, a block is as
-    /// long as the largest odd number of pixels that fits; incomplete blocks are dropped. Returns the view itself if
-    /// `step` is at most 1, or if the mask leaves none of these pixels.
+    /// Returns a smaller view that is quicker to evaluate.
+    ///
+    /// The smaller view has the middle pixel of each block of `step` × `step` pixels, and a camera with exactly the
+    /// rays of these pixels. `step` must be odd. Along a side shorter than `step`, a block has the largest odd number
+    /// of pixels that fits. Incomplete blocks are dropped. If `step` is at most 1, or if the mask leaves none of the
+    /// middle pixels, the view itself is returned.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
             return Cow::Borrowed(self);
@@ -149,7 +152,7 @@ pub fn is_blank(views: &[View]) -> bool {
 pub enum Background {
     /// Some picture has alpha below 255. The background may be chosen freely.
     Alpha,
-    /// No picture has alpha below 255, but more than half of all border pixels are exactly this sRGB colour.
+    /// No picture has alpha below 255, and more than half of the unmasked border pixels have exactly this sRGB colour.
     Constant([u8; 3]),
     /// The background is neither transparent nor of one colour: the pictures show it as part of the scene.
     Unknown,

@@ -21,7 +21,8 @@ impl Watch {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Returns the time spent on computing or reading cameras that photographs of a device share. Fit time excludes it.
+    /// Returns the time spent on shared cameras (one camera for each device): reading or computing them. It does not
+    /// count as fit time.
     pub fn set_aside(&self) -> Duration {
         Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
     }

@@ -53,13 +53,14 @@ const MOST_LOG2_ENTRIES: u8 = 19;
 /// Upper limit, in [`for_pixels`], of the ratio of a scene's pixels to [`PRESET_PIXELS`]. Without a limit, the ratio
 /// would grow without bound as cameras come near the middle of the box.
 const MOST_PIXELS: f32 = 8.0;
-/// Multiple to which the number of cells of the finest level is rounded, so that one pixel more does not change it.
+/// Multiple to which the finest level's number of cells is rounded, so that one pixel more does not change the number.
 const ROUNDED_CELLS: f32 = 32.0;
 /// Multiple to which the number of march steps across the scene box is rounded.
 const ROUNDED_STEPS: f32 = 10.0;
 
-/// Returns the number of pixels that the longest side of the scene box spans at the distance of the box's middle from
-/// the camera: the median over the training views. `None` if the median is not finite.
+/// Returns the number of pixels that the longest side of the scene box spans in a photograph: the median over the
+/// training views. The side is projected at the distance from the camera to the middle of the box. `None` if the median
+/// is not finite.
 pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     let middle = 0.5 * (scene_box.min + scene_box.max);
     let side = (scene_box.max - scene_box.min).max_element();
@@ -95,7 +96,7 @@ pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
 }
 
 /// Least limit in seconds with which a run counts as long. From this time on, twice the table entries clearly raise
-/// PSNR (see the last table of this module's documentation).
+/// PSNR (see the second table of this module's documentation).
 const LONG_SECONDS: f64 = 45.0;
 /// Least limit in training steps with which a run counts as long.
 const LONG_STEPS: u32 = 15_000;

@@ -19,15 +19,17 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Returns the used fraction of the budget if the next step takes `last_step` seconds, as the last step did.
+    /// Returns the used fraction of the budget. The next step is taken to last `last_step` seconds, as the last step
+    /// did, and this time counts as used.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
-    /// Returns the due validation, if any. `share`: used fraction of the budget. `ended`: whether no step follows.
+    /// Returns the validation that is due, or `None`. `share`: used fraction of the budget. `ended`: whether the last
+    /// step is done.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
     /// Adds a point without validation to the training curve, if a point is due at this step and the curve has no point
-    /// at this step yet. `ended`: whether no step follows.
+    /// at this step yet. `ended`: whether the last step is done.
     fn note(&mut self, ended: bool);
     fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
     fn message(&self) -> Message;
@@ -57,7 +59,8 @@ pub enum Ended<O> {
     },
 }
 
-/// Does steps until the budget is used or `stop` returns true. Before each step `stop` gets the number of steps done.
+/// Does training steps until the budget is used or `stop` returns true. Before each step, calls `stop` with the number
+/// of steps done.
 ///
 /// A checkpoint is written every `checkpoint_every` seconds. If a signal arrives during a long step, a validation or
 /// the final export, the state before this work is saved.
@@ -126,7 +129,7 @@ impl Keeper {
         }
     }
 
-    /// Does `work`, which may take long. If a signal arrives meanwhile, the state before `work` is saved.
+    /// Runs `work`, which may take long. If a signal arrives during `work`, the state before `work` is saved.
     fn covered<T: Task, R>(
         &self,
         task: &mut T,
@@ -137,7 +140,8 @@ impl Keeper {
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 
-    /// Writes a checkpoint, if the run keeps one. On failure the previous one stays, and the first failure is reported.
+    /// Writes a checkpoint, if the run keeps one. If writing fails, the previous checkpoint is kept; only the first
+    /// failure is reported.
     fn save(&mut self, task: &impl Task, progress: &Progress) {
         self.last = Instant::now();
         let Some((path, bytes)) = task.checkpoint() else { return };

@@ -52,10 +52,11 @@ pub struct Outcome {
     pub shown: Vec<Shown>,
     /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
-    /// PSNR of an image in the view's mean colour, dB: mean over the validation views that show more than one colour.
-    /// Without validation views, some training views are used.
+    /// PSNR, dB, of an image filled with the view's mean colour: mean over the validation views that show more than one
+    /// colour. Without validation views, some training views are used.
     pub flat_psnr_db: f64,
-    /// Whether no view scores better than an image of one colour. If true: learning rate too high, or too few steps.
+    /// Whether no view scores better than an image of one colour. The learning rate is then too high, or the steps are
+    /// too few.
     pub flat: bool,
     /// PSNR lost by rounding weights to f16 and tables to their stored format, dB. Measured on at most ten validation
     /// views, at the same pixels as `scores`. `None` without validation views.
@@ -189,8 +190,8 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Returns the scores of `views` for each rendering in `renderings`, a pair of a blob and quality settings. All
-/// renderings are scored on the same pixels: as many as the time limit allows, up to a largest number per view.
+/// Returns the scores of `views` for each element of `renderings`, which is a blob and quality settings. All renderings
+/// are scored on the same pixels. The number of pixels is as large as the time limit allows, up to a maximum per view.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -220,7 +221,7 @@ pub(super) fn compare(
 }
 
 /// Returns the PSNR, dB, that the file `draft` loses on training views if rendered without its occupancy grid, and the
-/// scores of these views with the grid. For a learned grid, the loss is not measured: `None`.
+/// scores of these views with the grid. The loss is not measured for a learned grid, and is then `None`.
 fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Option<f64>, Scores)> {
     let views = asked_views(session);
     let views: Vec<&View> = views.iter().collect();
@@ -261,8 +262,8 @@ fn evaluate(session: &mut Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Scor
     Ok((scores, lattice, shown))
 }
 
-/// Returns the score of the file `draft` on each training photograph, without masked pixels. The pixels are so few that
-/// measuring is expected to take at most the fraction [`QUESTION_SHARE`] of the time limit.
+/// Returns the score of the file `draft` on each training photograph, without masked pixels. Few pixels are measured,
+/// so that the measurement is expected to take at most the fraction [`QUESTION_SHARE`] of the time limit.
 fn score_training(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<Vec<ViewScore>> {
     let train = &session.dataset.train;
     let (pixels, largest) = pixels_of(train);
@@ -284,8 +285,9 @@ pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Returns the refined poses of all views, and the scores of the file `draft` with these poses on every `lattice`-th
-/// row and column of the validation views. No poses if they are not refined; no scores without validation views.
+/// Returns the refined poses of all views, and the scores of the file `draft` with these poses, measured on every
+/// `lattice`-th row and column of the validation views. Both are `None` if poses are not refined; the scores are also
+/// `None` without validation views.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -325,7 +327,7 @@ fn ask_rounding(
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
 }
 
-/// Number of training views over whose rays the encoded direction is averaged.
+/// Number of training views from whose rays the mean encoded direction is computed.
 const RAY_VIEWS: usize = 50;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -64,8 +64,8 @@ impl Pace {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
 
-    /// Whether there is time after `now` seconds of the run to validate `views` views on the fewest pixels:
-    /// `PROBED_PIXELS` of each view.
+    /// Whether enough time is left, after `now` seconds of the run, to validate `views` views on the fewest pixels,
+    /// which are `PROBED_PIXELS` of each view.
     pub fn affords(&self, now: f64, views: usize) -> bool {
         let coarsest = (views as u64 * PROBED_PIXELS) as f64 * self.per_pixel.unwrap_or(0.0);
         MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)

@@ -24,9 +24,10 @@ use std::time::Instant;
 
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits in steps and seconds. The limit in seconds applies to this command alone, even if it resumes a run.
+    /// Limits in steps and seconds. The limit in seconds applies to this command alone, even if the command resumes a
+    /// run.
     pub budget: Budget,
-    /// Least number of steps: the run fails if the limit in seconds ends it earlier.
+    /// Least number of steps. The run fails if its limit in seconds is reached before this number of steps.
     pub min_steps: u32,
     /// Path of the checkpoint file; `None`: no checkpoints are written.
     pub checkpoint: Option<PathBuf>,
@@ -37,9 +38,10 @@ pub struct RunOptions {
     pub report: bool,
     /// Steps between validations during training; `None` validates after each eighth of the budget.
     pub validate_every: Option<u32>,
-    /// PSNR that view-dependent colour must gain to be exported, dB; `None` always exports it.
+    /// Least gain of PSNR, dB, with which view-dependent colour is exported; `None` always exports view-dependent
+    /// colour.
     pub effect_threshold_db: Option<f64>,
-    /// Folder in which the newest blob is kept for a web page; `None`: no such folder.
+    /// Folder in which the newest blob is kept for a web page; `None` writes no blob during the run.
     pub live: Option<PathBuf>,
     pub kernel: Kernel,
     pub style: ProgressStyle,
@@ -71,7 +73,7 @@ impl RunOptions {
         Ok(Some(serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default()))
     }
 
-    /// If the run resumes, reads the checkpoint and passes it to `restore`. Returns the clock, with the seconds of the
+    /// Reads the checkpoint and passes it to `restore`, if the run resumes. Returns `clock` with the seconds of the
     /// checkpoint added. Fails if the checkpoint belongs to a run with another `config` or `data`. `config`: settings
     /// of this run, as JSON. `data`: name and fingerprint of the data set.
     pub(super) fn resumed(
@@ -124,8 +126,8 @@ impl Session<'_, '_> {
         self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
     }
 
-    /// Returns how often each validation view is measured at the end: 2 if poses are refined (given and refined), else
-    /// 1.
+    /// Returns the number of times that each validation view is measured at the end: 2 if poses are refined, with the
+    /// given and with the refined pose; else 1.
     pub(super) fn times(&self) -> u64 {
         if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
     }

@@ -19,11 +19,11 @@ use nerf_core::encoding::{GridEncoding, MAX_LOG2_ENTRIES};
 /// Candidate resolutions of the occupancy grid: cells along the longest side of the scene box.
 const RESOLUTIONS: [u16; 11] = [128, 112, 96, 80, 64, 56, 48, 40, 32, 24, 16];
 /// Largest fraction of a file that the occupancy grid may take. A sixth allows 48 cells along a side in 128 KiB. On
-/// lego, PSNR is 29.7 dB with 48 cells; with 32, which leave room for more levels of the learned grid, it is 29.2 dB.
+/// lego, PSNR is 29.7 dB with 48 cells. With 32 cells, the learned grid has room for more levels, but PSNR is 29.2 dB.
 const OCCUPANCY_SHARE: f64 = 1.0 / 6.0;
-/// Number of adjacent resolutions of the occupancy grid that are compared. The one that leaves room for the most table
-/// values is taken. Measured in 128 KiB, 15,000 steps, two seeds: 48 cells leave room for eight levels and give 31.09
-/// and 30.98 dB; 64 cells leave room for seven levels and give 30.87 and 30.95 dB.
+/// Number of adjacent resolutions of the occupancy grid that are compared. The resolution that leaves room for the most
+/// table values is taken. Measured in 128 KiB, 15,000 steps, two seeds: 48 cells leave room for eight levels and give
+/// 31.09 and 30.98 dB; 64 cells leave room for seven levels and give 30.87 and 30.95 dB.
 const NEIGHBOURS: usize = 3;
 /// Least binary logarithm of the number of entries of a level's table.
 const LEAST_LOG2_ENTRIES: u8 = 4;
@@ -32,8 +32,8 @@ const FEWER_LEVELS: usize = 2;
 /// Number of times that the configured number of entries may be doubled: only for entropy-coded tables, and if the file
 /// has room. Measured on lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 dB with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Least number of bits per value of entropy-coded tables: table settings count as fitting only if the file has room
-/// for this many. The second number is used only if no settings fit with the first. With either number, the
+/// Least number of bits per value of entropy-coded tables. Table settings count as fitting only if the file has room
+/// for this number of bits. The second number is used only if no settings fit with the first. With either number, the
 /// quantisation steps are then made as fine as the file's limit allows.
 ///
 /// PSNR on lego if the first number is 3.9 or 2.0, with every tenth training photograph held out:
@@ -51,7 +51,7 @@ const LEAST_BITS: [f64; 2] = [3.9, 0.5];
 /// dB (104 KiB used) with the configured resolution alone, 30.6 dB (126 KiB) with all candidates.
 const FINER_COARSEST: [f64; 7] = [1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0];
 
-/// Settings that the user has set explicitly: a setting that is true here is not adapted.
+/// Flags for the settings that the user has set explicitly. A setting whose flag is true is not adapted.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Chosen {
     pub entries: bool,
@@ -185,8 +185,8 @@ fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     }
 }
 
-/// Returns the candidate resolutions of the occupancy grid, finest first, none finer than configured. If the user set
-/// the resolution, it is the only candidate.
+/// Returns the candidate resolutions of the occupancy grid, finest first, none finer than configured. A resolution that
+/// the user set is the only candidate.
 fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) -> Vec<u16> {
     let own = config.occupancy_resolution(extent);
     let share = (max_bytes as f64 * OCCUPANCY_SHARE) as usize;
@@ -336,8 +336,8 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     }
 }
 
-/// Returns the size, bytes, of the file of `body` after all weights are added, which `body` lacks. For a learned grid,
-/// tables with the settings `table` are added, too. Entropy-coded tables are counted with their largest size.
+/// Returns the size, bytes, of the file with the contents `body` and all weights, which `body` lacks. For a learned
+/// grid, tables with the settings `table` are added, too. Entropy-coded tables are counted with their largest size.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();

@@ -11,7 +11,8 @@ use std::path::PathBuf;
 pub struct SnapshotOptions {
     /// Folder of the report; images are written to the folder `snapshots` inside this folder.
     pub folder: PathBuf,
-    /// Steps at which to take snapshots. If empty: at most at one validation per eighth of the budget, and at the end.
+    /// Steps at which snapshots are taken. If empty, snapshots are taken at validations, at most once per eighth of the
+    /// budget, and at the end.
     pub steps: Vec<u32>,
     /// Indices, in the validation split, of the views to render; if empty, the views validated during training.
     pub views: Vec<usize>,

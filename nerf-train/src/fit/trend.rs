@@ -1,4 +1,4 @@
-//! Detection of overfitting: whether the validation PSNR stopped rising while the training PSNR rose on.
+//! Detection of overfitting: whether the validation PSNR stopped rising while the training PSNR kept rising.
 
 use crate::train::CurvePoint;
 use std::fmt;
@@ -26,7 +26,7 @@ pub struct Stop {
 
 impl Stop {
     /// Finds the validation after which validation PSNR stopped rising while training PSNR still rose: overfitting.
-    /// `None` if there is none. `curve`: oldest point first.
+    /// Returns `None` if no validation is of this kind. `curve`: oldest point first.
     ///
     /// Validation PSNR stopped rising at the first validation that no later validation exceeds by more than 0.05 dB.
     /// At least two validations must follow. Training PSNR still rose if its smoothed value gained more than 0.3 dB

@@ -46,10 +46,10 @@ pub(super) struct Due {
     pictures: bool,
 }
 
-/// Returns what is due, a validation, snapshots or both; `None` if nothing is. `share`: used fraction of the budget.
-/// `ended`: whether the last step is done. The decision depends on step, budget and the trainer's state, so that a
-/// resumed run validates at the same steps as an uninterrupted run. With a limit in seconds, the decision also depends
-/// on measured times.
+/// Returns the due work, which is a validation, snapshots or both; `None` if neither is due. `share`: used fraction of
+/// the budget. `ended`: whether the last step is done. The decision depends on step, budget and the trainer's state, so
+/// that a resumed run validates at the same steps as an uninterrupted run. With a limit in seconds, the decision also
+/// depends on measured times.
 pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Option<Due> {
     let validation = validation_is_due(session, share, ended);
     let pictures = pictures_are_due(session, share, ended);

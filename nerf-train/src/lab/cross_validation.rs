@@ -12,7 +12,8 @@ use std::path::Path;
 
 /// Number of fits. Each fit holds out every eighth photograph by name; each photograph is held out of exactly one fit.
 pub const FITS: usize = 8;
-/// A photograph is unpredicted if its PSNR is further below the median than this, dB.
+/// Margin below the median PSNR, dB. A photograph counts as unpredicted if its PSNR is below the median by more than
+/// this.
 const BELOW_MEDIAN_DB: f64 = 1.0;
 /// Largest fraction of the photographs that are named as unpredicted.
 const MOST: f64 = 0.3;
@@ -29,7 +30,7 @@ pub struct CrossValidation {
 }
 
 impl CrossValidation {
-    /// Fits the training and validation photographs of `dataset` [`FITS`] times, by the settings `config`. Test
+    /// Fits the training and validation photographs of `dataset` [`FITS`] times, with the settings `config`. Test
     /// photographs are not used. Returns `None` if `stop` ends a fit.
     ///
     /// # Errors

@@ -96,11 +96,12 @@ pub fn evaluate<'v>(
 pub struct EvalOptions {
     /// Background colour; `None`: the background stored in the scene file.
     pub background: Option<[f32; 3]>,
-    /// PSNR is also measured on every N-th pixel of every N-th row, as in many publications; `None`: not measured.
+    /// Interval N of a lattice: PSNR is also measured on every N-th pixel of every N-th row, as in many publications.
+    /// `None`: not measured.
     pub lattice: Option<u32>,
 }
 
-/// Result of an evaluation: `summary.json` of `eval`.
+/// Result of an evaluation, written to `summary.json` by the command `eval`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
     pub val_psnr_db: f64,

@@ -159,8 +159,8 @@ impl Point {
         })
     }
 
-    /// Returns the median, over the rounds of timing, of this point's render time divided by that of `exact`. `None` if
-    /// no round timed both points completely.
+    /// Returns the ratio of this point's render time to that of `exact`, median over the rounds of timing. `None` if no
+    /// round timed both points completely.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =
@@ -213,7 +213,7 @@ pub enum Precision {
 pub struct Settings {
     pub quality: Quality,
     pub kernel: Kernel,
-    /// Index in `Variants` of the rendered variant of the scene file; 0: the unchanged file.
+    /// Index of the scene file's variant in `Variants`; 0 is the unchanged file.
     pub variant: usize,
     pub precision: Precision,
     /// Size at which a view is rendered, in quarters of its width and height. The result is then enlarged to full size.
@@ -241,8 +241,8 @@ impl Settings {
         }
     }
 
-    /// Whether these settings are so slow that a study renders only its timing views with them. Slow are renderings
-    /// without an occupancy grid, and the portable kernel that reads weights directly from the blob's bytes.
+    /// Whether these settings are slow. A study renders only its timing views with slow settings. Settings are slow
+    /// without an occupancy grid, or with the portable kernel that reads weights directly from the blob's bytes.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }

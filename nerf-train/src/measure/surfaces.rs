@@ -18,11 +18,11 @@ const TOO_NEAR: f32 = 0.9;
 /// Errors of a field's surfaces, which lie at the median distances of rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Surfaces {
-    /// Relative error of `median_distance` against the distance of a sparse point, where a view shows the point: median
-    /// over points and views. `None` if no view shows a point.
+    /// Median relative error of `median_distance` against the distance of the sparse point on the same ray, over all
+    /// points and views. `None` if no view shows a point.
     pub depth_error: Option<f64>,
-    /// Mean over the views of the fraction of pixels whose `median_distance` is less than 0.9 times the distance of the
-    /// nearest sparse point in the view; `None` if no view has a sparse point.
+    /// Fraction of pixels whose `median_distance` is less than 0.9 times the distance of the nearest sparse point in
+    /// the view; mean over the views. `None` if no view shows a sparse point.
     pub near_share: Option<f64>,
 }
 

@@ -8,14 +8,15 @@ use nerf_core::blob::{self, BlobError, Body, Content, Proposal, Provenance, Stor
 use nerf_core::network::{Architecture, DensityActivation, Layer, Role};
 use std::borrow::Cow;
 
-/// Network, kind of content, occupancy grid and provenance, as inputs of [`export`].
+/// Input of [`export`]: network, tables, kind of content, occupancy grid and provenance.
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
     pub architecture: &'a Architecture,
     pub parameters: &'a [f32],
     pub tables: Tables<'a>,
     pub content: Content,
-    /// Occupancy grid, if any: cells along x, y, z, and one bit per cell in the order of [`StoredOccupancy::bits`].
+    /// Occupancy grid: number of cells along x, y, z, and one bit per cell in the order of [`StoredOccupancy::bits`].
+    /// `None`: no occupancy grid is stored.
     pub occupancy: Option<([u16; 3], &'a [u8])>,
     pub provenance: Provenance<'a>,
 }

@@ -8,8 +8,8 @@ use nerf_core::simd::{BLOCK, Isa};
 use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
-/// Returns sigma, 1/world unit, at each of `points`. `parameters`: in the architecture's order, followed by the values
-/// of the grid that spans `bounds`, if there is one.
+/// Returns sigma, 1/world unit, at each of `points`. `parameters`: those of the layers in the architecture's order,
+/// then the table values of the grid that spans `bounds`, unless there is no grid.
 ///
 /// # Panics
 /// If the parameters do not fit the architecture.

@@ -33,9 +33,11 @@ impl From<TableStorage> for Rounding {
     }
 }
 
-/// Fraction of a run after which training rounds int8 and coded tables, as export does, and compensates for rounding.
+/// Fraction of a run after which training reads int8 and coded tables rounded as in the exported file, so that the
+/// parameters adapt to the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fractions of a level's values kept unclipped, one per candidate quantisation step. Largest magnitudes are clipped.
+/// Fractions of a level's values that are not clipped, one per candidate quantisation step. The values of largest
+/// magnitude are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;

@@ -5,7 +5,8 @@ use nerf_core::blob::{SceneFacts, Viewpoint};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose};
 use std::f32::consts::TAU;
 
-/// Largest elevation of an orbit through the scene file's viewpoint, degrees: unusual up directions give steep orbits.
+/// Largest elevation of an orbit through the scene file's viewpoint, degrees. Without this limit, an unusual up
+/// direction could give an orbit around the pole.
 const STEEPEST: f32 = 80.0;
 
 /// Circle, or arc of a circle, of cameras that all look at a centre.
@@ -19,7 +20,7 @@ pub struct Orbit {
     pub up: Vec3,
     /// Direction from the circle's axis to the first camera: unit length, perpendicular to `up`.
     pub start: Vec3,
-    /// Angle of the arc, radians, with the first camera in the middle; 2π: the full circle.
+    /// Angle of the arc, radians; 2π for the full circle. The first camera is in the middle of the arc.
     pub arc: f32,
 }
 

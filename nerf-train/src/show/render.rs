@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// Distances at the two ends of the colour map, for each distance output, world units.
 pub type Ranges = Vec<(Output, (f32, f32))>;
 
-/// Least side of a view in the coarse pass, pixels. The pass reduces sides to a quarter, but not below this.
+/// Smallest side of a view in the coarse pass, pixels. The pass reduces a side to a quarter, but not below this limit.
 const COARSE: u32 = 64;
 
 /// Renders every camera's view and passes the frame to all writers. `each` is called with the number of finished views,

@@ -31,8 +31,8 @@ impl Table {
         self
     }
 
-    /// Returns the table as CSV (RFC 4180, lines end in "\n"): column names first, cells quoted where needed. Line ends
-    /// in cells are escaped, as many programs read a file line by line.
+    /// Returns the table as CSV (RFC 4180, lines end in "\n"): the column names, then the rows. Cells with commas or
+    /// quotes are quoted. Line ends in cells are escaped, as many programs read a file line by line.
     pub fn to_csv(&self) -> anyhow::Result<Vec<u8>> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         for row in std::iter::once(&self.columns).chain(&self.rows).filter(|row| !row.is_empty()) {
@@ -112,7 +112,7 @@ fn cell(text: impl Into<String>) -> String {
     printable::lines(&text.into()).into_owned()
 }
 
-/// Whether a cell reads as a number, with an optional sign before it or unit after it: "27.3", "1,024", "12 %",
+/// Returns whether a cell reads as a number, with an optional sign before it or unit after it: "27.3", "1,024", "12 %",
 /// "−0.02", "inf". A lone dash, such as "–", counts as a number.
 fn is_number(cell: &str) -> bool {
     let first = cell.split(' ').next().unwrap_or_default();

@@ -59,7 +59,8 @@ pub fn width(text: &str, size: f32) -> usize {
     layout(text, sane(size)).1.ceil() as usize
 }
 
-/// Returns the height of the picture of one line of text, pixels: `size`, the line height, rounded up, 1 to `LARGEST`.
+/// Returns the height of a picture of one line of text, pixels: the line height `size`, clamped to 1 to `LARGEST` and
+/// rounded up.
 pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }

@@ -1,4 +1,4 @@
-//! Child processes: none outlives this process or blocks it for ever.
+//! Child processes of this program. No child outlives this process or blocks it for ever.
 //!
 //! On Unix each child leads its own process group. A terminal's Ctrl-C reaches only this process, which first saves its
 //! work ([`crate::system::stop`]). Killing a child kills its group, with all that a wrapper script started.
@@ -10,7 +10,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Interval between two checks whether a child has ended.
+/// Interval between two checks of whether a child has ended.
 const ASK_EVERY: Duration = Duration::from_millis(5);
 /// Time limit for a killed child to end. Only a process that is blocked inside the kernel takes longer.
 const KILLED: Duration = Duration::from_secs(1);
@@ -80,8 +80,8 @@ impl Helper {
         }
     }
 
-    /// Kills the child and the processes that it started; returns its exit status, `None` if it does not end within 1
-    /// s.
+    /// Kills the child and the processes that it started. Returns the child's exit status; `None` if the child does not
+    /// end within 1 s.
     pub fn kill(&self) -> Option<ExitStatus> {
         lock(&self.0).kill();
         self.wait(KILLED)
@@ -127,7 +127,7 @@ impl Drop for Helper {
     }
 }
 
-/// Kills all running children, and blocks the start of further ones. To be called when this process ends.
+/// Kills all running children and prevents the start of further ones. Call this when the process ends.
 pub fn end_all() {
     let running = lock(&RUNNING);
     for process in &*running {
@@ -167,8 +167,8 @@ impl Heard {
         lock(&self.kept).clone()
     }
 
-    /// Returns the last bytes of the output. To be called after the child has ended. Waits at most half a second for
-    /// the pipe to close: processes that the child has left behind may hold the pipe open.
+    /// Returns the last bytes of the output. Call this after the child has ended. Waits at most half a second for the
+    /// pipe to close: processes that the child has left behind may hold the pipe open.
     pub fn text(&self) -> Vec<u8> {
         let _ = self.ended.recv_timeout(Duration::from_millis(500));
         lock(&self.kept).clone()
@@ -191,7 +191,8 @@ fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
     }
 }
 
-/// Returns the last four lines of `bytes` that contain letters or digits, joined; "it said nothing" if none does.
+/// Returns the last four lines of `bytes` that contain letters or digits, joined by "; ". Without such a line, returns
+/// "it said nothing".
 pub fn last_lines(bytes: &[u8]) -> String {
     const SHOWN_LINES: usize = 4;
     let text = String::from_utf8_lossy(bytes);

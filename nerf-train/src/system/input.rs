@@ -22,7 +22,7 @@ pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
 /// Size limit of a checkpoint, bytes: more than the largest settings need.
 pub const MAX_CHECKPOINT_BYTES: u64 = 3 << 30;
 
-/// Longest time without a byte from a pipe or device, also before the first byte; after this time, reading fails.
+/// Longest wait for a byte from a pipe or device, the first byte included. After this time, reading fails.
 const MAX_SILENCE: Duration = Duration::from_secs(60);
 const PIECE_BYTES: usize = 1 << 16;
 
@@ -65,7 +65,8 @@ pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], S
     numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }
 
-/// Returns the text of a file of at most `limit` bytes, without a leading byte order mark; fails if it is not UTF-8.
+/// Returns the text of a file of at most `limit` bytes, without a leading byte order mark. Fails if the text is not
+/// UTF-8.
 pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
     let mut bytes = read_limited(path, limit)?;
     let mark = bytes.len() - without_mark(&bytes).len();
@@ -94,7 +95,8 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, text))
 }
 
-/// Returns a TOML error, with its line and column in `text`, on one line: the parser's own message takes several.
+/// Returns the message of a TOML error on one line, with the error's line and column in `text`. The parser's own
+/// message has several lines.
 pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {
@@ -107,8 +109,8 @@ pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     format!("line {row}, column {column}: {said} (in `{}`)", shown.trim())
 }
 
-/// Reads at most `limit` bytes of a pipe or device; more bytes, or too long a wait for a byte, are an error. Another
-/// thread opens and reads, because both may block. A blocked thread ends with the process.
+/// Reads at most `limit` bytes of a pipe or device. More bytes, or a wait of `silence` without a byte, are an error.
+/// Another thread opens and reads, because both may block. A blocked thread ends with the process.
 fn read_stream(path: &Path, limit: u64, silence: Duration) -> io::Result<Vec<u8>> {
     let (sender, pieces) = mpsc::sync_channel::<io::Result<Vec<u8>>>(16);
     let path = path.to_owned();

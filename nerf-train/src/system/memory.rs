@@ -1,11 +1,11 @@
-//! Check whether a request fits the memory of this machine, before anything is allocated.
+//! Memory limit of a command, checked before anything is allocated.
 
 use anyhow::ensure;
 use std::fmt::Display;
 
 /// Fraction of the currently free memory that one command may use.
 const SHARE: f64 = 0.8;
-/// Free memory assumed if the system does not state it, bytes.
+/// Free memory, bytes, that is assumed if the system does not state the free memory.
 const UNKNOWN: u64 = 8 << 30;
 
 /// Returns a number of bytes as text, in GB or TB.
@@ -37,7 +37,7 @@ pub fn limit() -> u64 {
     (free as f64 * SHARE) as u64
 }
 
-/// Returns `MemAvailable` from the text of /proc/meminfo, in bytes; `None` if it is missing or not a number.
+/// Returns `MemAvailable` from the text of /proc/meminfo, in bytes; `None` if this line is missing or not a number.
 fn available(meminfo: &str) -> Option<u64> {
     let line = meminfo.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     line.split_whitespace().next()?.parse::<u64>().ok()?.checked_mul(1024)

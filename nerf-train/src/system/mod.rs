@@ -1,4 +1,4 @@
-//! The operating system as far as commands need it: files, signals, child processes, memory, messages.
+//! Services of the operating system that the commands need: files, signals, child processes, memory, messages.
 
 pub mod child;
 pub mod cpu;

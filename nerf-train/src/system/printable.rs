@@ -1,4 +1,4 @@
-//! Text that came from a file, made safe to show.
+//! Escaping of text that came from a file, to make the text safe to show.
 //!
 //! Names of views and arrays, provenance, messages of decoders and of child processes are untrusted. A terminal obeys
 //! the control characters in them, which can move the cursor, retitle the window or type for the user. Bidirectional
@@ -22,9 +22,9 @@ use std::fmt::Write;
 
 /// Whether `character` changes how the text around it is shown, or is invisible.
 ///
-/// These are controls (C0, DEL, C1), line and paragraph separators, bidirectional marks, embeddings, overrides and
-/// isolates, the zero-width space, word joiner and byte order mark, soft hyphen, interlinear annotations, and tags. The
-/// zero-width joiner and non-joiner are not among them: Persian, Indic scripts and emoji need them.
+/// True for controls (C0, DEL, C1), line and paragraph separators, bidirectional marks, embeddings, overrides and
+/// isolates, the zero-width space, word joiner and byte order mark, soft hyphen, interlinear annotations, and tags.
+/// False for the zero-width joiner and non-joiner, which Persian, Indic scripts and emoji need.
 fn acts(character: char) -> bool {
     character.is_control()
         || matches!(
@@ -43,7 +43,7 @@ fn acts(character: char) -> bool {
         )
 }
 
-/// Returns `text` with the characters that `found` selects replaced by what `escape` writes for them.
+/// Returns `text` with each character that `found` selects replaced by the output of `escape`.
 fn replaced(
     text: &str,
     found: impl Fn(char) -> bool,
@@ -80,10 +80,11 @@ pub fn line(text: &str) -> Cow<'_, str> {
     })
 }
 
-/// Returns `text` escaped as by [`line()`], but keeps line ends and tabs: for text that this program broke into lines.
+/// Returns `text` escaped as by [`line()`], except that line ends and tabs are kept. For text that this program has
+/// broken into lines.
 ///
-/// A line end in a name stays, too, and could forge a line of this program's output. Where that matters, the caller
-/// first escapes the name with [`line()`].
+/// A line end inside a name is also kept, and could forge a line of this program's output. To prevent this, callers
+/// first escape names with [`line()`].
 pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| acts(c) && !matches!(c, '\n' | '\t'), |safe, c| write!(safe, "{}", c.escape_unicode()))
 }
@@ -107,7 +108,8 @@ pub fn markdown(text: &str) -> String {
 
 /// Returns the JSON `text` with control and invisible characters escaped (`\u001b`). A parser reads the same values.
 ///
-/// Line ends and tabs stay: outside of strings they are white space, and inside they are escaped by any JSON writer.
+/// Line ends and tabs are kept: outside of strings they are white space, and inside of strings every JSON writer
+/// escapes them.
 pub fn json(text: &str) -> Cow<'_, str> {
     replaced(
         text,

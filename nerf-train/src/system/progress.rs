@@ -10,7 +10,7 @@ use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Time between two lines of progress, plain or JSON, where no bar is shown.
+/// Time between two lines of progress, in plain text or JSON.
 const LINE_EVERY: Duration = Duration::from_secs(5);
 /// Position of the bar at the end of the work. The bar counts fractions of the work: a time budget has no step count.
 const BAR_LENGTH: u64 = 10_000;
@@ -294,7 +294,7 @@ fn details(message: &Message) -> String {
 /// The progress bar that was started last, which [`abandon`] leaves on the screen when a signal ends the process.
 static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
-/// Leaves a running bar unchanged, with the cursor on a new line, for a last message before the process ends.
+/// Leaves a running bar on the screen and moves the cursor to a new line, for a last message before the process ends.
 pub fn abandon() {
     if let Some(bar) = lock(&BAR).take()
         && !bar.is_finished()
@@ -373,7 +373,8 @@ fn scaled(value: f64) -> String {
     format!("{value:.decimals$}{unit}")
 }
 
-/// Returns a duration as text, in minutes and seconds, after hours if there are any: "0:07", "12:41" or "3:05:09".
+/// Returns a duration as text: minutes and seconds, with hours before them from one hour on. Examples: "0:07", "12:41",
+/// "3:05:09".
 fn in_words(time: Duration) -> String {
     let seconds = time.as_secs();
     let (hours, minutes, seconds) = (seconds / 3_600, seconds / 60 % 60, seconds % 60);

@@ -25,7 +25,7 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-/// Time limit for the owner of a [`Claim`] to report what it saved and to exit, after it has dropped the claim.
+/// Time limit, counted from the drop of a [`Claim`], for the claim's owner to report what it saved and to exit.
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// Time limit for the task of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
@@ -34,13 +34,13 @@ const TIDYING: Duration = Duration::from_millis(200);
 /// Time limit for removing temporary files and folders; a folder may hold many files.
 const REMOVING: Duration = Duration::from_millis(600);
 
-/// System's number of the first signal received, such as 2 for SIGINT; 0 if no signal was received.
+/// The system's number of the first signal received, such as 2 for SIGINT; 0 before any signal.
 static SIGNAL: AtomicI32 = AtomicI32::new(0);
 static STATE: Mutex<State> = Mutex::new(State::Nothing);
 static CHANGED: Condvar = Condvar::new();
 static NOTE: Mutex<Option<Words>> = Mutex::new(None);
 
-/// Whether the process has unsaved work, and who saves it on a signal.
+/// State of the unsaved work: whether the process has any, and which thread saves it on a signal.
 enum State {
     Nothing,
     /// The owner of a [`Claim`], a loop that polls [`requested`], will save the work.
@@ -111,7 +111,8 @@ impl Drop for Claim {
 /// Contents of a [`Note`]: message to print on a signal if no work is claimed, and task to run before printing.
 struct Words {
     message: String,
-    /// Name of a task, which is appended to the message, and the task itself, which runs before the message is printed.
+    /// Name and function of a task. The task runs before the message is printed; its name and result are appended to
+    /// the message.
     last: Option<(&'static str, LastWork)>,
 }
 
@@ -136,8 +137,8 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Registers a task that runs on a signal, before the message is printed; it must take less than a second. `what`:
-    /// name of the task in the message.
+    /// Registers a task that runs on a signal, before the message is printed. The task must take less than a second.
+    /// `what`: name of the task in the message.
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));
@@ -201,8 +202,8 @@ fn end(signal: i32, say: fn(&str)) -> ! {
     std::process::exit(128 + signal)
 }
 
-/// Blocks until the process ends, if the signal thread is about to end it. To be called before an error of the command
-/// is reported: the signal thread may have caused the error, by ending a child process or removing a temporary file.
+/// Blocks until the process ends, if the signal thread is about to end it. Call this before reporting an error of the
+/// command: the signal thread may have caused the error, by ending a child process or removing a temporary file.
 pub fn leave_to_signal() {
     while requested() && !matches!(*lock(&STATE), State::Answered) {
         std::thread::park();
@@ -222,7 +223,7 @@ pub fn answered() -> Vec<nix::sys::signal::Signal> {
     [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP].into_iter().filter(is_answered).collect()
 }
 
-/// Starts the thread that handles signals and prints messages with `say`. To be called once, before any other thread
+/// Starts the thread that handles signals and prints messages with `say`. Call this once, before any other thread
 /// starts: threads inherit the blocking of the signals.
 #[cfg(unix)]
 pub fn watch(say: fn(&str)) -> std::io::Result<()> {

@@ -1,7 +1,7 @@
-//! Results as JSON: what `--json` prints and `summary.json` holds.
+//! Results as JSON, for the output of `--json` and for the file `summary.json`.
 //!
-//! A result is any type that serialises; its field names carry their unit: `train_seconds`, `val_psnr_db`. JSON has no
-//! infinities and no NaN: a number of this kind is `null`.
+//! A result is any type that serialises. Its field names carry their unit: `train_seconds`, `val_psnr_db`. JSON has no
+//! infinities and no NaN: such numbers become `null`.
 
 use crate::system::output::{Attempt, OutputError, write_atomic};
 use crate::system::printable;

@@ -18,7 +18,7 @@ pub struct Bounds {
     pub far: f32,
     pub scene_box: SceneBox,
     pub contraction: Option<Contraction>,
-    /// In an unbounded scene, space nearer to a camera than this distance is taken as empty; world units.
+    /// Distance from a camera, world units, within which the space of an unbounded scene is taken as empty.
     pub empty_before: f32,
 }
 
@@ -50,17 +50,20 @@ const COARSE_HULL: u16 = 64;
 /// Distance from a camera, in radii of the uncontracted ball, up to which space is taken as empty in an unbounded scene
 /// without sparse points.
 const NEAR_RADII: f32 = 0.1;
-/// Distance at which rays of an unbounded scene without sparse points end, in radii of the uncontracted ball.
+/// Far end of the rays of an unbounded scene without sparse points, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
-/// Least distance, in radii of the uncontracted ball, of two cameras that must see a cell that is occupied at first.
+/// Least distance between two cameras, in radii of the uncontracted ball. In the first occupancy grid of an unbounded
+/// scene, a cell is occupied only if two cameras at least this far apart see it.
 const APART_RADII: f32 = 0.05;
-/// Quantile and factor. In an unbounded scene with sparse points, space is taken as empty up to this quantile of the
-/// distances from the cameras to the points in their photographs, times the factor.
+/// Quantile and factor that bound the empty space before the cameras of an unbounded scene with sparse points. Space is
+/// taken as empty up to this quantile of the distances from the cameras to the points in their photographs, times the
+/// factor.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
-/// Quantile and factor. If all cameras look nearly the same way, the radius of the uncontracted ball is this quantile
-/// of the distances from the cameras to the points in their photographs, times the factor.
+/// Quantile and factor that give the radius of the uncontracted ball if all cameras look nearly the same way. The
+/// radius is this quantile of the distances from the cameras to the points in their photographs, times the factor.
 const IN_FRONT: (f32, f32) = (0.01, 1.0);
-/// Quantile and factor. Rays of an unbounded scene end at this quantile of camera-to-point distances, times the factor.
+/// Quantile and factor that give the far end of rays in an unbounded scene with sparse points. Rays end at this
+/// quantile of the distances from the cameras to the points in their photographs, times the factor.
 const BEHIND: (f32, f32) = (0.999, 2.0);
 
 /// Finds near plane, far plane and scene box from settings and data. Fails if one of them is missing or invalid.

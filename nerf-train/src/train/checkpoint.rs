@@ -1,6 +1,7 @@
 //! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Runs with the same output path use one checkpoint file: [`Checkpoint::check_belongs`] refuses one of another run.
+//! Runs with the same output path use one checkpoint file. [`Checkpoint::check_belongs`] refuses the checkpoint of
+//! another run.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -132,8 +133,9 @@ impl Checkpoint {
         }
     }
 
-    /// Names the first part that contradicts the rest of the checkpoint or the run; `None` if all parts fit. A valid
-    /// checksum does not prove that this program wrote the file. `average`: averaged parameters of the resuming run.
+    /// Returns the name of the first part that contradicts the rest of the checkpoint or the run; `None` if all parts
+    /// fit. A valid checksum does not prove that this program wrote the file. `average`: averaged parameters of the
+    /// resuming run.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -166,7 +168,8 @@ pub(crate) fn settings(config: &impl Serialize) -> String {
     tree.to_string()
 }
 
-/// Finds the first field that differs: path, such as `network.width`, and values in `now` and `then`; `None` if equal.
+/// Returns the first field that differs between `now` and `then`: its path, such as `network.width`, and its two
+/// values. Returns `None` if `now` and `then` are equal.
 pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
@@ -179,8 +182,8 @@ pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, S
     }
 }
 
-/// Returns the checksum of the data that determine a run: training photographs, near, far, background, sparse points,
-/// and the cameras of all splits, from which the scene box is found.
+/// Returns the checksum of the data that determine a run: training photographs with masks and key points, near, far,
+/// background, sparse points, and the cameras of all splits, from which the scene box is found.
 pub fn fingerprint(data: &Dataset) -> u64 {
     const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
     let mut digest = CRC.digest();

@@ -7,7 +7,8 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps for which gains are learned on trial. Then, gains are kept only if the exposures differ enough.
+/// Number of steps for which gains are learned on trial. After the trial, gains are kept only if the exposures differ
+/// enough.
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: first, while the gains are on trial; second, otherwise.
 const RATES: [f32; 2] = [5e-3, 1e-3];
@@ -43,7 +44,8 @@ impl ExposureFound {
         Self { spread, by_tracks, fitted, outlier }
     }
 
-    /// Describes for the user the spread of exposures and the outlier, if any. `views`: the training photographs.
+    /// Returns a message for the user about the spread of exposures and, if present, the outlier. `views`: the training
+    /// photographs.
     pub fn in_words(&self, views: &[View]) -> String {
         let by = if self.by_tracks { "key points" } else { "the first steps" };
         let percent = 100.0 * (self.spread.exp() - 1.0);
@@ -63,8 +65,8 @@ impl ExposureFound {
 }
 
 impl Gains {
-    /// Returns the gains to learn (`None` if all photographs share one exposure), and what key points show about the
-    /// gains (`None` if no gains were measured there).
+    /// Returns the gains to learn, and the finding from gains measured at key points. The gains are `None` if all
+    /// photographs share one exposure. The finding is `None` if no gains were measured.
     pub fn of(
         views: &[View],
         sights: Option<&Sights>,
@@ -99,8 +101,9 @@ impl Gains {
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// Does one Adam step. `gradients`: of the loss with respect to each photograph's log gains. Returns a finding
-    /// after the trial's last step, else `None`. If its `fitted` is false, the caller must discard the gains.
+    /// Does one Adam step. `gradients`: gradients of the loss with respect to each photograph's log gains. Returns a
+    /// finding after the trial's last step, else `None`. If the finding's `fitted` is false, the caller must discard
+    /// the gains.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

@@ -18,7 +18,7 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use std::borrow::Cow;
 
-/// Text, stored in the exported file of a 2D field, that says how the PSNR was measured.
+/// Description of how the PSNR was measured, stored in the exported file of a 2D field.
 pub(crate) const MEASURED_ON: &str = "over the whole picture";
 
 const DRAWN: usize = 64;
@@ -65,7 +65,8 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Fills the batch with random pixels; for a learned grid in row order: successive rays then read nearby entries.
+    /// Fills the batch with random pixels. For a learned grid, the pixels are in row order, so that successive rays
+    /// read nearby entries.
     fn draw(&mut self) {
         let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;

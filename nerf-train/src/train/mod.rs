@@ -31,12 +31,14 @@ pub use trainer::{Trainer, candidate};
 pub struct Progressed {
     pub step: u32,
     pub rays: u64,
-    /// Number of samples with evaluated density; `samples`: with computed gradients. Equal without a learned grid.
+    /// Number of samples whose density was evaluated. `samples` counts only samples whose gradients were computed;
+    /// without a learned grid, both numbers are equal.
     pub evaluated: u64,
     pub samples: u64,
     /// Smoothed number of samples per ray. With a learned grid, only samples with a backward pass are counted.
     live_per_ray: f64,
-    /// Smoothed mean squared error of the training rays; NaN before the first step.
+    /// Smoothed mean squared error of the training rays. Before the first step, 0 in a fit of a scene and NaN in a fit
+    /// of a 2D field.
     pub mse: f64,
     /// Number of consecutive steps in which no sample got a gradient, usually because every density was 0.
     dead_steps: u32,

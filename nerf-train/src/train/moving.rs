@@ -1,10 +1,11 @@
 //! Objects that moved while the photographs were taken: found by the field's colour errors, and left out of the loss.
 //!
-//! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors: errors of fine
+//! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors. Errors of fine
 //! texture that is hard to fit have different signs from pixel to pixel, and cancel out. Errors of an object that only
-//! one photograph shows do not. Large connected regions of patches with large errors are masked: rays in masked patches
-//! have weight 0 in the loss, but are still cast, so that a wrong mask can be undone. If the photograph of one of the
-//! two nearest cameras has large errors at the same patches, the field is wrong, and the region is not masked.
+//! one photograph shows do not cancel out. Large connected regions of patches with large errors are masked: rays in
+//! masked patches have weight 0 in the loss, but are still cast, so that a wrong mask can be undone. If the photograph
+//! of one of the two nearest cameras has large errors at the same patches, the field is wrong, and the region is not
+//! masked.
 //!
 //! # Source
 //! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place
@@ -23,11 +24,12 @@ use std::ops::Range;
 const EVERY: u32 = 500;
 /// Least number of training photographs with which a run masks moving objects.
 const FEWEST_VIEWS: usize = 8;
-/// Largest numbers of patches: along a photograph's longer side, and in all photographs. More get too few rays each.
+/// Largest numbers of patches: along a photograph's longer side, and in all photographs. With more patches, each patch
+/// would get too few rays.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
-/// Least number of rays in the 3 × 3 neighbourhood of a patch for which the patch's error is computed.
+/// Least number of rays in a patch's 3 × 3 neighbourhood from which the patch's error is computed.
 const KNOWN: f32 = 8.0;
 /// Error above which a patch belongs to a region: the larger of two limits. First number: multiple of the median error
 /// of all patches. Second number: root-mean-square error over the channels, for colours of 0 to 1.
@@ -36,12 +38,13 @@ const OFF: (f32, f32) = (3.0, 0.03);
 /// Static scenes have means up to 0.116 and products up to 0.0084. Single-coloured figures in front of them have means
 /// of 0.13 to 0.3 and products of at least 0.015.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
-/// Number of nearest cameras whose photographs a region is compared with.
+/// Number of nearest cameras. A region is compared with the photographs of these cameras.
 const NEIGHBOURS: usize = 2;
 /// Limit on the fraction of a region's patches that also have large errors in the photograph of one of the nearest
-/// cameras. From this fraction on, the field is wrong there, and the region is not masked.
+/// cameras. From this fraction on, the field is taken to be wrong, and the region is not masked.
 const SHARED: f32 = 0.5;
-/// Largest fraction of all patches that may be masked. Above it, none is: the whole capture is wrong, not one object.
+/// Largest fraction of all patches that may be masked. If more patches would be masked, none is: the whole capture is
+/// then wrong, not one object.
 const MOST: f32 = 0.3;
 
 /// Division of a photograph into patches.
@@ -63,7 +66,8 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// Maps a patch of another photograph, whose patches are `other`, to the patch at the same relative position here.
+    /// Maps `patch` of another photograph, whose division is `other`, to the patch at the same relative position in
+    /// this photograph.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -217,8 +221,9 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Returns each patch's error: root mean square, over the channels, of the mean signed error in the patch's 3 × 3
-    /// neighbourhood minus the photograph's median of this mean. `None` with fewer than `KNOWN` rays there.
+    /// Returns each patch's error; `None` with fewer than `KNOWN` rays in the patch's 3 × 3 neighbourhood. The mean
+    /// signed error of these rays is computed per channel, and the photograph's median of these means is subtracted.
+    /// The patch's error is the root mean square of the three differences.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {
@@ -270,7 +275,8 @@ fn tiles(views: &[View]) -> Vec<Tiles> {
     views.iter().map(of).collect()
 }
 
-/// Returns, for each photograph, the [`NEIGHBOURS`] others whose cameras have the nearest position and direction.
+/// Returns, for each photograph, the [`NEIGHBOURS`] other photographs whose cameras are nearest in position and
+/// direction.
 fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     let poses: Vec<(Vec3, Vec3)> =
         views.iter().map(|view| (view.camera.pose().position, view.camera.pose().forward())).collect();

@@ -1,4 +1,5 @@
-//! What a run learns about its photographs: gains, poses, masks of moving objects, and the PSNR of withheld ones.
+//! Properties of the photographs that a run learns: gains, poses, masks of moving objects, and the PSNR of withheld
+//! photographs.
 
 use super::exposure::{ExposureFound, Gains};
 use super::moving::{Moved, Moving};
@@ -46,7 +47,8 @@ impl Photographs {
         found
     }
 
-    /// Names the first part of `theirs`, read from a checkpoint, that cannot belong to this run; `None` if all fit.
+    /// Returns the name of the first part of `theirs`, read from a checkpoint, that cannot belong to this run; `None`
+    /// if all parts fit.
     pub(super) fn wrong_part(&self, theirs: &Self, views: &[View], config: &Config) -> Option<&'static str> {
         let gains = theirs.gains.as_ref().is_none_or(|gains| gains.views() == views.len());
         let unbounded = config.sampling.contraction.is_some();
@@ -64,8 +66,9 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Sets gains and loss weights of the rays of `batch`, and requests the rays' loss gradients if poses are refined.
-    /// Returns refined cameras for the next rays; `None` if no camera moved. `share`: used fraction of the budget.
+    /// Sets gains and loss weights of the rays of `batch`. If poses are refined, also requests the loss gradients with
+    /// respect to the rays. Returns refined cameras for the next rays; `None` if no camera moved. `share`: used
+    /// fraction of the budget.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,

@@ -18,7 +18,8 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps with poses refined on trial; refinement goes on if the image moved by at least [`CALLED_FOR`].
+/// Number of steps at the start of a run in which poses are refined on trial. Refinement goes on if the image has moved
+/// by at least [`CALLED_FOR`].
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
@@ -28,9 +29,10 @@ const RATES: [f32; 2] = [0.3, 0.01];
 /// at the beginning of the run. Second number: from the fraction `SHARP_FROM` of the run on.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Limit on the motion of the image in the first [`TRIAL`] steps: median over the photographs, in focal lengths. If the
-/// motion is smaller, the given poses are kept. Correct poses move by 0.002 to 0.006, and refining them costs 0.1 to
-/// 0.4 dB of PSNR. Poses that are wrong by half a degree to one degree move by 0.013.
+/// Least motion of the image in the first [`TRIAL`] steps with which the refinement goes on: median over the
+/// photographs, in focal lengths. If the motion is smaller, the given poses are kept. Correct poses move by 0.002 to
+/// 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses that are wrong by half a degree to one degree move by
+/// 0.013.
 const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
@@ -83,8 +85,9 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine (`None`: the given poses stay), and what the sparse points show about the given
-    /// poses (`None`: nothing). `sights`: whether the photographs have lines of sight to sparse points.
+    /// Returns the poses to refine; `None` if the given poses are kept. Also returns the finding that the sparse points
+    /// confirm the given poses; otherwise `None`. `sights`: whether the photographs have lines of sight to sparse
+    /// points.
     pub fn of(
         dataset: &Dataset,
         sights: bool,
@@ -147,7 +150,8 @@ impl Poses {
         moved
     }
 
-    /// Returns a request for loss gradients by ray origin and direction. `share`: used fraction of the budget.
+    /// Returns a request for the loss gradients with respect to ray origins and directions. `share`: used fraction of
+    /// the budget, which sets the blur.
     pub fn question(share: f64, contraction: &Contraction) -> RayQuestion {
         let sharp = (share / SHARP_FROM).min(1.0) as f32;
         let blur = contraction.radius() * BLURS[0].powf(1.0 - sharp) * BLURS[1].powf(sharp);
@@ -181,7 +185,8 @@ impl Poses {
         self.verdict(step, given, contraction)
     }
 
-    /// Decides after step `TRIAL` − 1 (counted from 0) whether to go on refining the poses; `None` after other steps.
+    /// Decides after step `TRIAL` − 1 (counted from 0) whether to go on refining the poses. Returns `None` after other
+    /// steps.
     fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;

@@ -36,7 +36,7 @@ pub fn duration(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(if seconds > LONGEST { LONGEST } else { seconds }).unwrap_or_default()
 }
 
-/// Wall-clock time of a command and of the earlier commands whose run it resumes.
+/// Wall-clock time of a command and, if the command resumes a run, of the run's earlier commands.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
     start: Instant,
@@ -54,13 +54,13 @@ impl Clock {
         Self { before, ..self }
     }
 
-    /// Returns this clock with `spent` subtracted, time of this command that is not to count as used.
+    /// Returns this clock without `spent`, a time of this command that does not count as used.
     #[must_use]
     pub fn without(self, spent: Duration) -> Self {
         Self { start: self.start + spent, ..self }
     }
 
-    /// Returns the seconds used, including those of earlier commands.
+    /// Returns the seconds used, including the seconds of earlier commands.
     pub fn seconds(&self) -> f64 {
         self.before.saturating_add(self.start.elapsed()).as_secs_f64()
     }
@@ -87,7 +87,7 @@ impl Budget {
         Self { seconds: self.seconds.map(|limit| limit + seconds), ..self }
     }
 
-    /// Returns an error if the limit in seconds allowed fewer than `min_steps` steps, or no step of this command.
+    /// Returns an error if the limit in seconds allowed fewer than `min_steps` steps, or allowed this command no step.
     pub fn check_steps(&self, done: Done, min_steps: u32) -> anyhow::Result<()> {
         let Some(limit) = self.seconds.filter(|_| self.steps.is_none_or(|steps| done.steps < steps)) else {
             return Ok(());

@@ -105,8 +105,8 @@ impl Withheld {
         }
     }
 
-    /// After step `step`, adds colour errors of rays to the sums of their photographs. `errors`: index of a ray in
-    /// `batch`, and its error in red, green and blue.
+    /// Adds colour errors of rays to the sums of their photographs. Does nothing before step `SUMMED_FROM`. `errors`:
+    /// index of a ray in `batch`, and its error in red, green and blue.
     pub fn add<'e>(&mut self, batch: &Batch, step: u32, errors: impl Iterator<Item = &'e (u32, [f32; 3])>) {
         if step < SUMMED_FROM {
             return;
@@ -120,7 +120,8 @@ impl Withheld {
         }
     }
 
-    /// Returns the finding after the last of `TRIAL` steps with withheld photographs; `None` after any other `step`.
+    /// Returns the PSNR gap and the weight decay chosen from it, after the last of `TRIAL` steps with withheld
+    /// photographs; `None` after any other `step`.
     pub fn verdict(&self, step: u32, optimiser: &OptimiserConfig) -> Option<WithheldFound> {
         if step + 1 != TRIAL {
             return None;

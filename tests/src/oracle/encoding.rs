@@ -2,10 +2,10 @@
 
 use std::f64::consts::PI;
 
-/// `(sin πu, cos πu)` of a number that is exactly `u`.
+/// Returns `(sin πu, cos πu)`.
 ///
-/// `u mod 2` is exact in binary, and so is the distance to the nearest multiple of ½: π enters last, when the angle
-/// is at most a quarter turn.
+/// The remainder `u mod 2` is exact in binary, and so is the distance to the nearest multiple of ½. The multiplication
+/// by π comes last, when the angle is at most π/4.
 pub fn sin_cos_pi(u: f64) -> (f64, f64) {
     let turn = u % 2.0;
     let quarters = (2.0 * turn).round();
@@ -18,13 +18,14 @@ pub fn sin_cos_pi(u: f64) -> (f64, f64) {
     }
 }
 
-/// `sin` and `cos` of level `k`: `(sin 2^k s x, cos 2^k s x)` with `s` = π or 1.
+/// Returns sine and cosine of level `k`: `(sin 2^k s x, cos 2^k s x)` with `s` = π or 1.
 pub fn level(x: f64, k: i32, pi: bool) -> (f64, f64) {
     let u = x * 2f64.powi(k);
     if pi { sin_cos_pi(u) } else { u.sin_cos() }
 }
 
-/// `[x,] sin 2^0 s x, cos 2^0 s x, sin 2^1 s x, …`, each for all inputs before the next.
+/// Returns the encoding `[x,] sin 2^0 s x, cos 2^0 s x, sin 2^1 s x, …`; each term is given for all inputs before the
+/// next term.
 pub fn encode(x: &[f64], levels: u8, pi: bool, identity: bool) -> Vec<f64> {
     let mut out = if identity { x.to_vec() } else { Vec::new() };
     for k in 0..i32::from(levels) {

@@ -1,29 +1,29 @@
-//! A multiresolution grid of features (Müller et al. 2022), by `nerf-core/docs/blob-format.md`.
+//! Multiresolution grid of features (Müller et al. 2022), as `nerf-core/docs/blob-format.md` specifies it.
 
 /// Shape and tables of a grid.
 #[derive(Clone, Debug)]
 pub struct Grid {
-    /// Features of an entry.
+    /// Number of features per entry.
     pub features: usize,
-    /// Binary logarithm of the entries of a hashed level.
+    /// Binary logarithm of the number of hash values of a hashed level.
     pub log2_entries: u32,
-    /// Cells along each axis at each level; 2 or 3 axes.
+    /// Number of cells along each axis, `[levels][axes]`; 2 or 3 axes.
     pub resolutions: Vec<Vec<u64>>,
-    /// Every level's entries.
+    /// Features of all entries of all levels, `[entries][features]`.
     pub values: Vec<f64>,
 }
 
-/// An encoded value, and what rounding may move it by.
+/// An encoded value, and the magnitude of the entries that were interpolated, which limits the rounding error.
 #[derive(Clone, Copy, Debug)]
 pub struct Value {
-    /// The value.
+    /// Interpolated value.
     pub value: f64,
-    /// The largest of the entries it is between, by size.
+    /// Largest absolute value among the interpolated entries.
     pub largest: f64,
 }
 
 impl Grid {
-    /// Entries of a level, and whether they are hashed.
+    /// Returns the number of entries of a level, and whether the level is hashed.
     pub fn entries(&self, level: usize) -> (u64, bool) {
         let vertices: u64 = self.resolutions[level].iter().map(|n| n + 1).product();
         let most = 1 << self.log2_entries;
@@ -40,7 +40,7 @@ impl Grid {
         (h ^ (h >> 15)) % (1 << self.log2_entries) + vertex[0]
     }
 
-    /// The encoding of a point whose coordinates are 0 to 1 over the box.
+    /// Returns the encoding of a point whose coordinates run from 0 to 1 across the box.
     pub fn encode(&self, unit: &[f64]) -> Vec<Value> {
         let mut out = Vec::new();
         let mut first = 0;

@@ -1,7 +1,8 @@
-//! A radiance field in f64, slow and obvious, written from the papers and from the file format's page.
+//! Reference renderer (oracle) of a radiance field in f64: slow and simple, written from the papers and from the
+//! description of the file format.
 //!
-//! It shares no code with `nerf-core`: what both say alike is said twice. `tests/tests/laws/oracle.rs` checks it in its
-//! turn, against numbers worked out by hand, the CS180 course's and the original TensorFlow code's.
+//! The oracle shares no code with `nerf-core`. `tests/tests/laws/oracle.rs` checks the oracle against numbers worked
+//! out by hand, and against numbers of the CS180 course and of the original TensorFlow code.
 
 pub mod contraction;
 pub mod encoding;

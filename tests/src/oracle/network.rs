@@ -2,17 +2,17 @@
 
 use super::encoding::encode;
 
-/// `y = W x + b`.
+/// A dense layer, `y = W x + b`.
 #[derive(Clone, Debug, Default)]
 pub struct Dense {
-    /// `[outputs][inputs]`
+    /// Weights, `[outputs][inputs]`.
     pub w: Vec<Vec<f64>>,
-    /// `[outputs]`
+    /// Biases, `[outputs]`.
     pub b: Vec<f64>,
 }
 
 impl Dense {
-    /// The product, summed in ascending order.
+    /// Returns `W x + b`. Products are summed in ascending order of the inputs, before the bias is added.
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
         let row = |(w, b): (&Vec<f64>, &f64)| {
             assert_eq!(w.len(), x.len(), "a layer of other inputs");
@@ -22,14 +22,14 @@ impl Dense {
     }
 }
 
-/// An encoding's settings.
+/// Settings of a sinusoidal encoding.
 #[derive(Clone, Copy, Debug)]
 pub struct Encoding {
     /// Number of levels.
     pub levels: u8,
-    /// Whether angles are `2^k π x`, not `2^k x`.
+    /// True for angles `2^k π x`, false for `2^k x`.
     pub pi: bool,
-    /// Whether the inputs themselves come first.
+    /// True if the inputs themselves come before the sines and cosines.
     pub identity: bool,
 }
 
@@ -42,21 +42,21 @@ impl Encoding {
 /// A radiance field, or a 2D field, which has no density.
 #[derive(Clone, Debug)]
 pub struct Network {
-    /// Of the position, or of the point of an image.
+    /// Encoding of the position, or of the image point of a 2D field.
     pub position: Encoding,
-    /// Of the viewing direction, if colour depends on it.
+    /// Encoding of the viewing direction; `None` if colour does not depend on the direction.
     pub direction: Option<Encoding>,
-    /// Dense+ReLU layers, and whether each takes `[h, PE(x)]`.
+    /// Dense layers with ReLU. The flag is true if the layer takes `[h, PE(x)]`, false if it takes `h`.
     pub trunk: Vec<(Dense, bool)>,
-    /// From the trunk to the raw density.
+    /// Density head, from the trunk's output to the raw density; `None` for a 2D field.
     pub density: Option<Dense>,
-    /// Whether sigma is `ln(1 + exp(raw − 1))`, not `max(0, raw)`.
+    /// True if sigma is `ln(1 + exp(raw − 1))`, false if sigma is `max(0, raw)`.
     pub softplus: bool,
-    /// A linear layer between trunk and colour, as the original code has it.
+    /// Linear layer between trunk and colour branch, as in the original code.
     pub feature: Option<Dense>,
-    /// Dense+ReLU layers; the first takes `[h, PE(d)]`.
+    /// Dense layers with ReLU of the colour branch; the first takes `[h, PE(d)]`.
     pub colour: Vec<Dense>,
-    /// The last layer, sigmoid behind it.
+    /// Last layer of the colour branch, followed by a sigmoid.
     pub rgb: Dense,
 }
 
@@ -64,18 +64,18 @@ fn relu(x: Vec<f64>) -> Vec<f64> {
     x.into_iter().map(|x| x.max(0.0)).collect()
 }
 
-/// `ln(1 + e^x)` without overflow.
+/// Returns `ln(1 + e^x)` without overflow.
 pub fn softplus(x: f64) -> f64 {
     x.max(0.0) + (-x.abs()).exp().ln_1p()
 }
 
-/// `1 / (1 + e^−x)`.
+/// Returns `1 / (1 + e^−x)`.
 pub fn sigmoid(x: f64) -> f64 {
     1.0 / (1.0 + (-x).exp())
 }
 
 impl Network {
-    /// What the trunk says of a point.
+    /// Returns the trunk's output at a point.
     pub fn trunk(&self, x: &[f64]) -> Vec<f64> {
         let encoded = self.position.of(x);
         let mut h = encoded.clone();
@@ -88,18 +88,18 @@ impl Network {
         h
     }
 
-    /// The density head before its activation; 0 of a 2D field.
+    /// Returns the density head's output before its activation; 0 for a 2D field.
     pub fn raw_density(&self, x: &[f64]) -> f64 {
         self.density.as_ref().map_or(0.0, |head| head.apply(&self.trunk(x))[0])
     }
 
-    /// Density, per world unit.
+    /// Returns the density, per world unit.
     pub fn sigma(&self, x: &[f64]) -> f64 {
         let raw = self.raw_density(x);
         if self.softplus { softplus(raw - 1.0) } else { raw.max(0.0) }
     }
 
-    /// Colour, display-encoded, in `[0, 1]`.
+    /// Returns the colour, display-encoded, in `[0, 1]`.
     pub fn rgb(&self, x: &[f64], dir: &[f64]) -> [f64; 3] {
         let mut h = self.trunk(x);
         if let Some(feature) = &self.feature {
@@ -115,8 +115,8 @@ impl Network {
         [0, 1, 2].map(|i| sigmoid(raw[i]))
     }
 
-    /// A network of the parameters of a file: layers in the order trunk, density, colour, rgb, each `W` row by row,
-    /// then `b` (`nerf-core/docs/blob-format.md`). Of `shape`, only what the file says is read.
+    /// Makes a network from the parameters in a file: layers in the order trunk, density, colour, rgb, each `W` row by
+    /// row, then `b` (`nerf-core/docs/blob-format.md`). From `shape`, reads only fields that the file contains.
     pub fn of_file(shape: &nerf_core::network::Architecture, parameters: &[f64]) -> Self {
         use nerf_core::encoding::AngleScale;
         let encoding = |e: &nerf_core::encoding::SinusoidalEncoding| Encoding {
@@ -165,7 +165,7 @@ impl Network {
     }
 }
 
-/// The number of an IEEE 754 binary16.
+/// Converts the bits of an IEEE 754 binary16 to a number.
 pub fn f16(bits: u16) -> f64 {
     let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 0x3ff));
     let size = match exponent {

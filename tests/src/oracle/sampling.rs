@@ -1,17 +1,19 @@
-//! Where a ray is sampled.
+//! Positions of samples on a ray.
 
-/// The middles of `n` equal bins of `near..far`.
+/// Returns the middles of `n` equal bins of `near..far`.
 pub fn middles(near: f64, far: f64, n: usize) -> Vec<f64> {
     (0..n).map(|i| near + (far - near) * (i as f64 + 0.5) / n as f64).collect()
 }
 
-/// `drawn` samples of a density that is constant in each of the equal bins of `near..far`, by the inverse of its
-/// distribution function at `(k + ½)/drawn`; each weight counts 1e-5 more than it is, and what is no weight 0.
+/// Draws `drawn` samples from a density that is constant in each of the equal bins of `near..far`. Sample `k` lies
+/// where the distribution function is `(k + ½)/drawn`. Weights are clamped to `[0, 1]`, a NaN counts as 0, and 1e-5 is
+/// added to each weight.
 pub fn inverse_cdf(near: f64, far: f64, weights: &[f64], drawn: usize) -> Vec<f64> {
     inverse_cdf_at(near, far, weights, drawn, |_| 0.5)
 }
 
-/// The same at `(k + within(k))/drawn`.
+/// Draws samples as [`inverse_cdf`] does, but sample `k` lies where the distribution function is `(k +
+/// within(k))/drawn`.
 pub fn inverse_cdf_at(
     near: f64,
     far: f64,
@@ -36,7 +38,8 @@ pub fn inverse_cdf_at(
         .collect()
 }
 
-/// Where a ray lies in a closed box: the least and the greatest `t` in `near..far`, by cutting at each face.
+/// Returns the part of a ray inside a closed box: the smallest and largest `t` in `near..far`, found by intersecting
+/// each face. `None` if the ray misses the box.
 pub fn clip(
     origin: [f64; 3],
     dir: [f64; 3],

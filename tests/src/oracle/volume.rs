@@ -1,23 +1,24 @@
-//! Volume rendering by quadrature (Max 1995; Mildenhall et al. 2020, eq. 3), the last bin finite.
+//! Volume rendering by quadrature (Max 1995; Mildenhall et al. 2020, eq. 3), with a finite last bin.
 
-/// One ray's pixel.
+/// Result of one ray.
 #[derive(Clone, Debug)]
 pub struct Pixel {
-    /// Over the background.
+    /// Colour, composited over the background.
     pub rgb: [f64; 3],
-    /// Σ weights.
+    /// Sum of the weights.
     pub opacity: f64,
-    /// Σ weights · t; divided by the opacity it is the mean distance.
+    /// Sum of weight times `t` over the samples; divided by the opacity, this is the mean distance.
     pub distance_sum: f64,
-    /// What is left behind the last sample.
+    /// Transmittance behind the last sample.
     pub transmittance: f64,
-    /// Of each sample.
+    /// Weight of each sample.
     pub weights: Vec<f64>,
 }
 
-/// Composites samples: `sigma`, `rgb`, `t` and `delta` are each `[n]`, front to back.
+/// Composites the samples of a ray: `sigma`, `rgb`, `t` and `delta` are each `[n]`, front to back.
 ///
-/// A density of +inf is a wall; a NaN density makes the sample empty, and 0 · inf is nothing.
+/// A density of +inf is an opaque wall. A sample is empty if its density is NaN, or if its `delta` is 0, even with a
+/// density of +inf.
 pub fn composite(sigma: &[f64], rgb: &[[f64; 3]], t: &[f64], delta: &[f64], background: [f64; 3]) -> Pixel {
     let mut transmittance = 1.0;
     let mut weights = Vec::new();

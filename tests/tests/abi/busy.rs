@@ -1,5 +1,5 @@
-//! One worker, asked for two things at once: by its own progress callback, and by threads. CI runs these under
-//! AddressSanitizer and ThreadSanitizer, too.
+//! Concurrent calls with one worker, from its own progress callback and from threads. CI also runs these tests under
+//! AddressSanitizer and ThreadSanitizer.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -10,14 +10,14 @@ use nerf_tests::scenes::{self, Recipe};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 
-/// Small: Miri runs these.
+/// Side of the image, pixels; small, since Miri runs these tests.
 const SIDE: u32 = 5;
 const COUNT: usize = (SIDE * SIDE) as usize;
 const RGB: u32 = ffi::NERF_OUTPUT_RGB;
 const UNTOUCHED: [f32; 4] = [9.0; 4];
 const THREADS: usize = 4;
 
-/// A handle that threads share.
+/// Handle of a worker that threads share.
 #[derive(Clone, Copy)]
 struct Shared(*mut ffi::Worker);
 // SAFETY: a worker that is at work says so to every other thread: the contract under test.
@@ -25,10 +25,10 @@ unsafe impl Send for Shared {}
 // SAFETY: as above.
 unsafe impl Sync for Shared {}
 
-/// Runs `work` on [`THREADS`] threads at once; a panic of it ends the program.
+/// Runs `work` on [`THREADS`] threads at the same time; a panic in `work` ends the program.
 ///
-/// The system's threads: ThreadSanitizer sees how they begin and end, but not what the standard library's share, which
-/// is compiled without it.
+/// Uses pthread directly: ThreadSanitizer sees when these threads begin and end, but does not see it for threads of the
+/// standard library, which is compiled without ThreadSanitizer.
 fn on_threads<F: Fn() + Sync>(work: &F) {
     extern "C" fn run<F: Fn()>(work: *mut c_void) -> *mut c_void {
         // SAFETY: `on_threads` passes its own, which outlives the thread.
@@ -48,7 +48,7 @@ fn on_threads<F: Fn() + Sync>(work: &F) {
     }
 }
 
-/// A worker for tiles of four pixels, so that a picture has several.
+/// Opens a worker with tiles of four pixels, so that an image has several tiles.
 fn open(opened: &Opened) -> (Shared, Guarded) {
     let options = ffi::RenderOptions { batch_rays: 4, samples: 8, ..call::render_options() };
     let mut memory = opened.workspace(Some(&options), RGB);
@@ -70,7 +70,7 @@ fn picture(Shared(worker): Shared, progress: ffi::Progress, user: *mut c_void) -
     (status, pixels)
 }
 
-/// Every kind of call with a worker that is at work: refused, with nothing written.
+/// Makes every kind of call with a busy worker. Verifies that each is refused and writes nothing.
 fn refused(worker: Shared) {
     let (status, pixels) = picture(worker, None, null_mut());
     assert!(status == Status::Busy && pixels.iter().all(|pixel| *pixel == UNTOUCHED), "{status:?}");
@@ -91,7 +91,7 @@ fn refused(worker: Shared) {
     assert!(message.text().starts_with("worker: expected one that no other call works with"));
 }
 
-/// A callback's own view of the worker that calls it.
+/// State of a progress callback, with the worker that calls it.
 struct Watch {
     worker: Shared,
     threads: bool,
@@ -110,7 +110,7 @@ unsafe extern "C-unwind" fn ask_again(user: *mut c_void, _: u64, _: u64) -> i32 
     0
 }
 
-/// A picture whose callback asks the worker again, from threads, too.
+/// Renders an image whose callback calls the worker again, also from threads if `threads` is true.
 fn watched(threads: bool) {
     let opened = call::open(Recipe::TINY.blob(), Kernel::detect());
     let (worker, _memory) = open(&opened);
@@ -131,7 +131,8 @@ fn a_worker_at_work_is_busy_for_threads() {
     watched(true);
 }
 
-/// Whichever thread has the worker draws the whole picture; what one leaves behind, the next one sees in order.
+/// Verifies that each thread that gets the worker renders the whole image, and that the next thread sees the worker's
+/// state in order.
 #[test]
 fn threads_that_share_a_worker_find_it_busy_or_draw_the_picture() {
     let opened = call::open(Recipe::TINY.blob(), Kernel::detect());

@@ -1,4 +1,4 @@
-//! What the C interface refuses, and that it then has written nothing.
+//! Arguments that the C interface refuses; a refused call writes nothing.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -12,7 +12,7 @@ use std::ptr::{null, null_mut};
 const SIDE: u32 = 20;
 const PICTURE: usize = (SIDE * SIDE) as usize * 3;
 
-/// The arguments of a render, to be spoilt one at a time.
+/// Valid arguments of a render, of which a test makes one invalid.
 struct Case {
     opened: Opened,
     camera: ffi::Camera,
@@ -71,7 +71,7 @@ impl Case {
         }
     }
 
-    /// Whatever was refused left everything alone, and the scene still renders.
+    /// Verifies that a refused call wrote nothing, and that the scene still renders.
     fn refused(mut self, found: Status, expected: Status, what: &str) {
         assert_eq!(found, expected, "{what}: {}", self.message.text());
         assert!(!self.message.text().is_empty(), "{what}: no message");
@@ -88,10 +88,10 @@ impl Case {
     }
 }
 
-/// All outputs.
+/// Flags of all outputs, or-ed.
 const EVERYTHING: u32 = 63;
 
-/// Renders with one argument spoilt.
+/// Renders with one argument made invalid by `spoil`, and verifies the status.
 fn refuses(expected: Status, what: &str, spoil: impl FnOnce(&mut Case)) {
     let mut case = Case::new(Recipe::OCCUPANCY, Kernel::IN_PLACE);
     // Enough for any planes.

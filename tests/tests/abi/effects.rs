@@ -1,4 +1,4 @@
-//! Effects over the C interface: those of Rust, refused by the name of their field.
+//! Effects through the C interface: same results as in Rust, and errors that name the invalid field.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -16,14 +16,14 @@ use std::ptr::{null, null_mut};
 const SIDE: u32 = 18;
 const RGB: u32 = ffi::NERF_OUTPUT_RGB;
 
-/// Options with these effects.
+/// Returns options with the effects that `effects` sets.
 fn options(effects: impl FnOnce(&mut ffi::Effects)) -> ffi::RenderOptions {
     let mut options = call::render_options();
     effects(&mut options.effects);
     options
 }
 
-/// Status, message and picture of a render into RGB or RGBA floats.
+/// Renders an image in RGB or RGBA floats. Returns status, message and image.
 fn render(opened: &Opened, options: &ffi::RenderOptions, format: PixelFormat) -> (Status, String, Vec<f32>) {
     let channels = if format == PixelFormat::RgbaF32 { 4 } else { 3 };
     let mut picture = vec![f32::NAN; (SIDE * SIDE * channels) as usize];
@@ -51,7 +51,7 @@ fn render(opened: &Opened, options: &ffi::RenderOptions, format: PixelFormat) ->
     (status, message.text(), picture)
 }
 
-/// The picture by the Rust renderer, exact but for the occupancy grid.
+/// Renders the image with the Rust renderer, with the exact quality plus the occupancy grid.
 fn reference(blob: &[u8], effects: Effects) -> Vec<f32> {
     let blob = Blob::open(blob).expect("a blob");
     let quality = Quality { occupancy: true, ..Quality::EXACT };

@@ -1,4 +1,4 @@
-//! A frame in words, over the C interface.
+//! The report of `nerf_explain`, through the C interface.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -10,7 +10,7 @@ use std::ptr::{null, null_mut};
 
 const RGB: u32 = ffi::NERF_OUTPUT_RGB;
 
-/// Status, and the bytes the whole text needs.
+/// Writes the report to `page`. Returns the status and the size of the uncut text, bytes.
 fn explain(
     opened: &Opened,
     options: Option<&ffi::RenderOptions>,

@@ -1,5 +1,5 @@
-//! The library touches the memory it is lent and nothing beside it: everything a host passes ends, or begins, at a page
-//! that nobody may touch.
+//! The library accesses only the memory that it is lent: everything that a host passes begins or ends at a page that
+//! cannot be accessed.
 
 use nerf_core::Kernel;
 use nerf_core::memory::Line;
@@ -18,10 +18,10 @@ const HEIGHT: u32 = 13;
 const PIXELS: usize = (WIDTH * HEIGHT) as usize;
 const EVERYTHING: u32 = 63;
 const POINTS: usize = 67;
-/// Bytes of a message, most of which are too few.
+/// Size of the message buffer, bytes; too small for most messages.
 const SAID: usize = 9;
 
-/// Set in children only.
+/// Environment variable that selects an access beyond the memory, set only in child processes.
 const TRESPASS: &str = "NERF_TRESPASS";
 
 #[test]
@@ -53,13 +53,13 @@ fn a_byte_beyond_a_fence_is_the_end() {
     }
 }
 
-/// `count` lines, as many as `bytes` are.
+/// Allocates lines of `bytes` bytes in total.
 fn lines(bytes: usize, flush: Flush) -> Fenced<Line> {
     assert!(bytes.is_multiple_of(size_of::<Line>()));
     Fenced::filled(bytes / size_of::<Line>(), Line::UNINIT, flush)
 }
 
-/// A scene or picture with all that is passed to draw it.
+/// A scene or 2D field, with all arguments that are passed to render it.
 struct Lent {
     flush: Flush,
     scene: *const ffi::Scene,
@@ -96,7 +96,7 @@ impl Lent {
         Self { flush, scene: scene[0], open, options, message, _memory: memory, blob }
     }
 
-    /// As much workspace as a query of sizes says.
+    /// Allocates a workspace of the size that `ask` returns.
     fn workspace(
         &mut self,
         ask: unsafe fn(*mut usize, *mut usize, &Self, *mut c_char) -> Status,
@@ -109,7 +109,7 @@ impl Lent {
         lines(sizes[0], self.flush)
     }
 
-    /// Every plane of a frame, and density and colour at points, as bits.
+    /// Renders every plane of a frame, and evaluates density and colour at points. Returns the bits of all results.
     fn frame(&mut self) -> Vec<u32> {
         let flush = self.flush;
         let mut workspace = self.workspace(|size, align, lent, text| {
@@ -189,7 +189,7 @@ impl Lent {
         found
     }
 
-    /// A 2D field, as bits.
+    /// Renders a 2D field. Returns the bits of the colours.
     fn picture(&mut self) -> Vec<u32> {
         let mut workspace = self.workspace(|size, align, lent, text| {
             // SAFETY: the caller's promise.
@@ -231,7 +231,7 @@ impl Lent {
         rgb.iter().map(|x| x.to_bits()).collect()
     }
 
-    /// The scene described, and refused calls' messages.
+    /// Returns the message of a refused call, and numbers of the scene's description.
     fn words(&mut self) -> Vec<u8> {
         // SAFETY: numbers and pointers have no invalid bytes.
         let mut info: ffi::SceneInfo = unsafe { std::mem::zeroed() };
@@ -260,7 +260,7 @@ impl Lent {
     }
 }
 
-/// Every effect, and samples few enough.
+/// Returns options with every effect and few samples.
 fn effects() -> ffi::RenderOptions {
     let mut options = call::render_options();
     (options.samples, options.normal_blur, options.colour_cut) = (24, 1.0, 1e-3);

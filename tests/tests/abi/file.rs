@@ -1,4 +1,4 @@
-//! `nerf_scene_open_file` and `nerf_scene_close`: the one place where the library owns something.
+//! `nerf_scene_open_file` and `nerf_scene_close`, the only functions with which the library owns memory.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -11,7 +11,7 @@ use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::ptr::{null, null_mut};
 
-/// Opens a file; the handle stays as it was where that fails.
+/// Opens a scene file. Verifies that the handle is written on success only.
 fn open(path: &Path, kernel: Kernel) -> (Status, *const ffi::Scene, String) {
     let path = CString::new(path.as_os_str().as_bytes()).expect("a path without NULs");
     let (options, mut message, mut scene) = (call::open_options(kernel), Message::default(), null());
@@ -23,7 +23,7 @@ fn open(path: &Path, kernel: Kernel) -> (Status, *const ffi::Scene, String) {
     (status, scene, message.text())
 }
 
-/// The picture of a scene, by a workspace of its own.
+/// Renders the image of a scene, in a workspace of its own.
 fn picture(scene: *const ffi::Scene) -> Vec<[f32; 3]> {
     let (camera, mut pixels) = (call::camera(&camera(24, 24)), vec![[0.0f32; 3]; 24 * 24]);
     let target = call::target(plane(pixels.as_mut_ptr().cast(), ffi::PixelFormat::RgbF32));

@@ -1,4 +1,4 @@
-//! Addresses that are none, or that are somebody else's: every argument of every function.
+//! Invalid addresses, and addresses of other memory, in every argument of every function.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -11,7 +11,7 @@ use std::ptr::{null, null_mut};
 
 const SIDE: u32 = 8;
 
-/// Draws a frame of `SIDE` x `SIDE` into `target`.
+/// Renders a frame of `SIDE` x `SIDE` pixels into `target`.
 fn draw(opened: &Opened, target: &ffi::Target, workspace: &mut Guarded) -> Status {
     let seen = call::camera(&camera(SIDE, SIDE));
     // SAFETY: everything lives until the call returns; planes that reach elsewhere must be refused unwritten.
@@ -136,8 +136,9 @@ fn structures_at_odd_addresses_are_refused_unread() {
     assert!(picture.is_untouched() && counters.rays == 0);
 }
 
-/// Where a plane of `length` bytes begins that touches memory at `start` with its last or first pixel, or just
-/// does not; pixels of four bytes.
+/// Returns start addresses of a plane near the `size` bytes at `start`, each with whether the plane overlaps these
+/// bytes. Some planes overlap by one pixel; others end or begin right beside the bytes. The plane has `length` bytes
+/// and pixels of four bytes.
 fn edges(start: usize, size: usize, length: usize) -> [(usize, bool); 6] {
     let end = start + size;
     [

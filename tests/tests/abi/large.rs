@@ -1,7 +1,7 @@
-//! Images of more than 2^28 pixels and planes of more than 2^32 bytes, drawn in the memory of one tile.
+//! Images of more than 2^28 pixels and planes of more than 2^32 bytes, rendered with the workspace of one tile.
 //!
-//! CI draws columns, rows and corners of them. `NERF_LONG=1` draws all of 16,384×16,384 pixels, by one call and tile by
-//! tile, in a minute or several and 1 GiB:
+//! CI renders columns, rows and corners of these images. `NERF_LONG=1` renders all 16,384×16,384 pixels, by one call
+//! and tile by tile, which takes one minute or more and 1 GiB:
 //! `NERF_LONG=1 cargo test --release -p nerf-tests --test abi large -- --nocapture`
 
 use nerf_core::Kernel;
@@ -20,11 +20,11 @@ use std::sync::atomic::{AtomicU32, Ordering};
 const SIDE: u32 = 16_384;
 /// Side of a tile, pixels.
 const TILE: u32 = 64;
-/// From a row of the whole frame's plane to the next, bytes: the last begins beyond 2^32.
+/// Row stride of the whole frame's plane, bytes: the last row begins beyond 2^32.
 const ROW: usize = 1 << 19;
 const OUTPUTS: u32 = ffi::NERF_OUTPUT_RGB | ffi::NERF_OUTPUT_RAY_DISTANCE;
 
-/// A scene seen in an image of that size; for most of its pixels there is nothing.
+/// A scene and a camera with a large image, most of which shows only background.
 struct Large {
     opened: Opened,
     camera: ffi::Camera,
@@ -34,7 +34,7 @@ struct Large {
 // SAFETY: a scene never changes, and the rest are numbers.
 unsafe impl Sync for Large {}
 
-/// What a call has told of its progress.
+/// Progress that a call has reported.
 #[derive(Default)]
 struct Told {
     done: u64,
@@ -65,7 +65,7 @@ impl Large {
         self.opened.workspace(Some(&self.options), OUTPUTS)
     }
 
-    /// Draws `rect`; what was counted.
+    /// Renders `rect`. Returns status, counters and message.
     fn draw(
         &self,
         rect: Option<ffi::Rect>,
@@ -97,7 +97,7 @@ impl Large {
         (status, counters, message.text())
     }
 
-    /// Draws `rect` into `tile`, every pixel of which it must fill.
+    /// Renders `rect` into `tile`, and verifies that every pixel is written. Returns the number of rays.
     fn tile(&self, rect: ffi::Rect, tile: &mut Tile) -> u64 {
         tile.0[..(rect.width * rect.height) as usize].fill([f32::NAN; 5]);
         let first = tile.0.as_mut_ptr().cast::<f32>();
@@ -118,14 +118,14 @@ impl Large {
     }
 }
 
-/// A tile's pixels, r, g, b, a, ray_distance, and the workspace: the same for all tiles.
+/// Pixels of a tile (r, g, b, a, ray_distance), and a workspace that is used for all tiles.
 struct Tile(Vec<[f32; 5]>, Guarded);
 
 fn bits(pixels: &[[f32; 5]]) -> Vec<[u32; 5]> {
     pixels.iter().map(|pixel| pixel.map(f32::to_bits)).collect()
 }
 
-/// The distance at a byte of a plane.
+/// Returns the bits of the distance that begins at byte `at` of a plane.
 fn distance(bytes: &[u8], at: usize) -> u32 {
     u32::from_ne_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]])
 }
@@ -193,7 +193,7 @@ fn tiles_of_a_frame_of_2_28_pixels_are_its_pixels_one_by_one() {
     }
 }
 
-/// All of the frame by one call, and by tiles on two threads.
+/// Renders the whole frame by one call, and by tiles on threads; compares the results.
 fn whole(large: &Large) {
     let mut bytes = Fenced::zeros((SIDE as usize - 1) * ROW + 4 * SIDE as usize, Flush::End);
     let to = ffi::Plane { row_stride: ROW as isize, ..plane(bytes.first().cast(), PixelFormat::F32) };

@@ -1,6 +1,6 @@
 //! The C interface, called from Rust as a C host would: one file per part of the contract.
 //!
-//! One program, like its neighbours: each that is linked costs CI seconds.
+//! All files are one test program, since linking a program takes CI seconds.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
 mod busy;

@@ -1,4 +1,4 @@
-//! Memory that is lent to be written to, over what the same call reads or writes besides: refused, with nothing written.
+//! Writable memory that overlaps other memory of the same call: the call is refused, and nothing is written.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -23,7 +23,7 @@ fn size_of_worker(request: &ffi::Request) -> usize {
     size
 }
 
-/// Copies `value` to an address inside of lent memory.
+/// Copies `value` to an address in lent memory.
 fn put<T>(at: *mut c_void, value: T) -> *mut T {
     // SAFETY: each test has so much memory there, aligned.
     unsafe { at.cast::<T>().write(value) };

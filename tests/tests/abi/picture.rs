@@ -1,4 +1,4 @@
-//! Pictures (2D fields) at the C interface: what is drawn, and what is refused with nothing written.
+//! 2D fields at the C interface: images, and refused arguments, after which nothing is written.
 
 use nerf_core::Kernel;
 use nerf_core::math::MathBackend;
@@ -16,7 +16,7 @@ const WIDTH: u32 = 37;
 const HEIGHT: u32 = 29;
 const PIXELS: usize = (WIDTH * HEIGHT) as usize;
 
-/// The arguments of a call, to be spoilt one at a time.
+/// Valid arguments of a call, of which a test makes one invalid.
 struct Case {
     opened: Opened,
     size: (u32, u32),
@@ -118,7 +118,7 @@ impl Case {
     }
 }
 
-/// Renders with one argument spoilt; the message must contain `text`.
+/// Renders with one argument made invalid by `spoil`. Verifies the status, and that the message contains `text`.
 fn refuses(expected: Status, text: &str, spoil: impl FnOnce(&mut Case)) {
     let mut case = Case::new(Kernel::IN_PLACE);
     spoil(&mut case);
@@ -367,7 +367,7 @@ fn cancelling_stops_within_one_tile_and_the_rest_is_untouched() {
     }
 }
 
-/// A scene and a picture that threads share.
+/// A 2D field and an image that threads share.
 struct Shared(Opened, *mut c_void);
 // SAFETY: scenes never change (the contract under test), and threads write different pixels.
 unsafe impl Sync for Shared {}

@@ -1,4 +1,4 @@
-//! Planes of one target must not share a byte, and may interleave in every other way.
+//! Overlap of planes: the planes of one target must not share a byte, but may be interleaved in any way.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -13,7 +13,7 @@ use std::ptr::null_mut;
 const COLUMNS: usize = 4;
 const ROWS: usize = 3;
 const OUTPUTS: u32 = ffi::NERF_OUTPUT_RGB | ffi::NERF_OUTPUT_OPACITY | ffi::NERF_OUTPUT_NORMALS;
-/// Bytes that planes lie in.
+/// Size of the memory in which planes lie, bytes.
 const ROOM: usize = 4096;
 
 struct Worker {
@@ -42,7 +42,7 @@ fn render(worker: &Worker, target: &ffi::Target) -> (Status, String) {
     (status, message.text())
 }
 
-/// Where a plane lies in the room: its first pixel, strides and the size of a pixel.
+/// Position of a plane in the memory, bytes: offset of the first pixel, strides, and size of a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     first: usize,
@@ -52,7 +52,7 @@ struct Place {
 }
 
 impl Place {
-    /// A plane of multiples of `align` bytes somewhere in the middle of the room.
+    /// Draws a plane in the middle of the memory; offset and strides are multiples of `align`.
     fn any(state: &mut u64, size: usize, align: usize) -> Self {
         let mut below = |n: u64| (noise::next(state) % n) as usize;
         let pixel_stride = size.next_multiple_of(align) + align * below(8);

@@ -1,4 +1,4 @@
-//! A proposal network over the C interface.
+//! A scene with a proposal network, rendered through the C interface.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -10,7 +10,7 @@ use std::ptr::{null, null_mut};
 
 const SIDE: u32 = 20;
 
-/// Status, picture, work and workspace of a frame.
+/// Renders a frame. Returns status, image, counters and the size of the workspace.
 fn render(opened: &Opened, options: &ffi::RenderOptions) -> (Status, Vec<u8>, ffi::Counters, usize) {
     let mut workspace = opened.workspace(Some(options), ffi::NERF_OUTPUT_RGB);
     let mut picture = Guarded::new((3 * SIDE * SIDE) as usize, 0);

@@ -1,4 +1,4 @@
-//! Settings by loss, cost, time and preset, through the C ABI.
+//! Quality settings by loss, cost, time and preset, through the C interface.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -22,7 +22,7 @@ fn choice() -> ffi::Choice {
     }
 }
 
-/// The settings that options stand for.
+/// Returns the quality settings in options.
 fn quality_of(options: &ffi::RenderOptions) -> (u32, f32, f32, u32, u32, u32) {
     let o = options;
     (o.samples, o.transmittance_cut, o.colour_cut, o.ignore_occupancy, o.maths, o.ignore_proposal)
@@ -85,7 +85,6 @@ fn wishes_are_answered_as_in_rust_and_leave_the_rest_of_the_options() {
     assert!(message.text().contains("preset") && message.text().contains('5'), "{}", message.text());
 }
 
-/// A clock that ticks by what stands behind `user`.
 #[test]
 fn each_point_of_a_front_can_be_had() {
     let opened = call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE);
@@ -111,6 +110,7 @@ fn each_point_of_a_front_can_be_had() {
     assert!(message.contains("front_points"), "{message}");
 }
 
+/// Clock that advances by one tick at each call. `user`: two numbers, the time and the length of a tick.
 unsafe extern "C-unwind" fn ticking(user: *mut c_void) -> u64 {
     // SAFETY: the test passes two numbers: the time and the tick.
     let [now, tick] = unsafe { &mut *user.cast::<[u64; 2]>() };

@@ -1,4 +1,5 @@
-//! Rays of the caller's own over the C interface, and limits: against frames, against Rust, and all that is refused.
+//! The caller's own rays through the C interface, and limits: compared with frames and with Rust, and refused
+//! arguments.
 
 use nerf_core::Kernel;
 use nerf_core::camera;
@@ -13,7 +14,7 @@ const SIDE: u32 = 20;
 const COUNT: usize = (SIDE * SIDE) as usize;
 const EVERYTHING: u32 = 63;
 
-/// What a host's own structure of a ray has, with room between.
+/// A host's own structure of a ray, with other fields between those of the ray.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 struct Mine {
@@ -26,7 +27,7 @@ struct Mine {
     random: f32,
 }
 
-/// What it has of a result.
+/// A host's own structure of a ray's result.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Hit {
@@ -97,7 +98,7 @@ fn rays(mine: &[Mine], axis: &[f32; 3], target: &ffi::Target) -> ffi::Rays {
     }
 }
 
-/// Rays without random numbers, as `nerf_render_rays` takes them.
+/// Returns rays without random numbers, as `nerf_render_rays` takes them.
 fn without_numbers(mine: &[Mine], axis: &[f32; 3], target: &ffi::Target) -> ffi::Rays {
     ffi::Rays { random: ffi::Floats { data: null(), stride: 0 }, ..rays(mine, axis, target) }
 }
@@ -391,7 +392,7 @@ fn effects_of_a_camera_and_planes_that_were_not_asked_for_are_refused() {
     assert!(hits.iter().all(|hit| *hit == BLANK));
 }
 
-/// Linear RGBA of rays is that of a frame, and RGB is it over the background.
+/// Verifies that linear RGBA of rays, composited over the background, gives the linear RGB of the same rays.
 #[test]
 fn linear_light_is_premultiplied() {
     let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::detect());

@@ -1,5 +1,5 @@
-//! Every versioned structure with a `struct_size` that no version of it has, in every call of the smaller ones that
-//! takes it: refused, and nothing is written. Those of a frame have a test of their own (`cases.rs`).
+//! Versioned structures with a `struct_size` that no version has, in every smaller call that takes the structure: each
+//! call is refused, and nothing is written. `cases.rs` tests the structures of a frame.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -12,7 +12,7 @@ use std::marker::PhantomData;
 use std::mem::offset_of;
 use std::ptr::{null, null_mut};
 
-/// Memory of a structure in which `struct_size` says what it likes, and nothing else was set.
+/// Memory of a structure in which only `struct_size` is set, to any value.
 struct OfSize<T> {
     words: Vec<usize>,
     says: usize,
@@ -28,7 +28,8 @@ impl<T> OfSize<T> {
         Self { words, says, of: PhantomData }
     }
 
-    /// Each size that no version has of a structure of `first` bytes in the first.
+    /// Returns structures with each size that no version has. `first`: the structure's size in the first version,
+    /// bytes.
     fn wrong(first: usize) -> impl Iterator<Item = Self> {
         [0, 1, 8, first - 1, 4097, usize::MAX].into_iter().map(Self::new)
     }
@@ -37,19 +38,19 @@ impl<T> OfSize<T> {
         self.words.as_mut_ptr().cast()
     }
 
-    /// Checks that the calls refused it for its size and wrote nothing to it.
+    /// Verifies that the calls refused the structure's size and wrote nothing to the structure.
     fn refused<const N: usize>(&self, found: [Status; N]) {
         assert_eq!(found, [Status::StructSize; N], "{} of {} bytes", std::any::type_name::<T>(), self.says);
         assert!(self.words[0] == self.says && self.words[1..].iter().all(|&word| word == Self::FILL));
     }
 }
 
-/// A scene with a front.
+/// Opens a scene that has a Pareto front.
 fn opened() -> Opened {
     call::open(Recipe::PROPOSAL.blob(), Kernel::IN_PLACE)
 }
 
-/// Options that a call must leave as they are.
+/// Returns options that a refused call must not change.
 fn options() -> ffi::RenderOptions {
     ffi::RenderOptions { samples: 77, ..call::render_options() }
 }
@@ -173,7 +174,7 @@ fn structures_of_camera_of_no_version_s_size_turn_and_see_nothing() {
     assert_eq!((origin, dir, z), ([7.0; 3], [7.0; 3], 7.0));
 }
 
-/// A structure of so many bytes, which is what one that has grown since had.
+/// Returns a copy of a structure with `struct_size` set to `bytes`, its size in version 2 of the ABI.
 fn of_version_2<T: Copy>(value: &T, bytes: usize) -> T {
     let mut value = *value;
     // SAFETY: each structure begins with its size.

@@ -1,4 +1,4 @@
-//! Median distance and normals over the C interface, and callers whose headers do not know them.
+//! Median distance and normals through the C interface, also for callers whose header lacks these planes.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -20,7 +20,7 @@ const PLAIN: u32 = ffi::NERF_OUTPUT_RGB
     | ffi::NERF_OUTPUT_RAY_DISTANCE
     | ffi::NERF_OUTPUT_Z_DEPTH;
 
-/// A pixel of a host with planes of its own kind between the new ones.
+/// A host's pixel, with a value of the host's own between the planes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 struct Interleaved {
@@ -29,7 +29,7 @@ struct Interleaved {
     median_distance: f32,
 }
 
-/// Renders all of the camera's image in exactly as much memory as `outputs` need.
+/// Renders the camera's whole image, in exactly as much memory as `outputs` need.
 fn render(
     opened: &Opened,
     options: Option<&ffi::RenderOptions>,
@@ -50,7 +50,7 @@ fn render(
     (status, message.text())
 }
 
-/// The same by the Rust renderer.
+/// Renders the same image with the Rust renderer.
 fn reference(blob: &[u8], kernel: Kernel, outputs: Outputs) -> (Vec<Pixel>, Counters) {
     let blob = Blob::open(blob).expect("a blob");
     let plan = Plan::new(&blob, &Quality::default(), outputs, Batch::FULL).expect("a plan");

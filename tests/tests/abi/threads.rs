@@ -1,4 +1,4 @@
-//! Threads, callbacks and panics at the C interface; formats and strides of its pictures.
+//! Threads, callbacks and panics at the C interface, and formats and strides of images.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -11,17 +11,17 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 const SIDE: u32 = 40;
 const ALL: u32 = 15;
-/// No renderer gives this colour.
+/// A colour that no renderer produces.
 const UNTOUCHED: [f32; 4] = [-7.0; 4];
 
-/// What a callback is to do, and what it has seen.
+/// Instructions for a progress callback, and what the callback has seen.
 struct Watcher<'a> {
     scene: &'a Opened,
     calls: u64,
     last: u64,
     cancel_at: u64,
     panics: bool,
-    /// The workspace of the render, to be used within it.
+    /// Workspace for a render from inside the callback.
     reenter: Option<(*mut c_void, usize)>,
 }
 
@@ -50,7 +50,7 @@ unsafe extern "C-unwind" fn watch(user: *mut c_void, done: u64, all: u64) -> i32
     i32::from(done >= watcher.cancel_at)
 }
 
-/// Renders `rect` in RGBA f32 into `picture`, whose rows are `columns` wide.
+/// Renders `rect` in RGBA f32 into `picture`, whose rows have `columns` pixels.
 fn render(
     opened: &Opened,
     rect: Option<ffi::Rect>,
@@ -94,7 +94,7 @@ fn whole(opened: &Opened) -> Vec<[f32; 4]> {
     picture
 }
 
-/// A scene and a picture that threads share.
+/// A scene and an image that threads share.
 struct Shared(Opened, *mut [f32; 4]);
 // SAFETY: scenes never change (the contract under test), and threads write different pixels.
 unsafe impl Sync for Shared {}
@@ -196,7 +196,7 @@ fn callbacks_may_render_in_the_same_workspace() {
     }
 }
 
-/// One pixel of an interleaved picture.
+/// One pixel of an image with interleaved planes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 struct Interleaved {

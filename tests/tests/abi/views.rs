@@ -1,4 +1,4 @@
-//! Views from anywhere over the C interface, and a caller's own near and far.
+//! Views from any distance through the C interface, and the caller's own near and far distances.
 
 use nerf_core::Kernel;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
@@ -10,10 +10,11 @@ use nerf_tests::scenes::Recipe;
 use std::ptr::{null, null_mut};
 
 const SIDE: u32 = 20;
-/// Half way between the recipes' near and far.
+/// Distance half way between the recipes' near and far, world units.
 const TRAINED: f32 = 4.0;
 
-/// From so many times the distance the scene was made for, on the side of `towards`; its box fills the picture.
+/// Returns a camera in the direction `towards` from the origin, at `times` times the distance [`TRAINED`]; the box
+/// fills the image.
 fn from(times: f32, towards: [f32; 3]) -> Camera {
     let eye = glam::Vec3::from(towards).normalize() * times * TRAINED;
     let pose = Pose::look_at(eye, glam::Vec3::ZERO, glam::Vec3::Y).expect("a pose");
@@ -21,7 +22,7 @@ fn from(times: f32, towards: [f32; 3]) -> Camera {
     Camera::new(Intrinsics::centred(SIDE, SIDE, focal), Lens::NONE, pose).expect("a camera")
 }
 
-/// How much of the picture is not background, 0 to 1, and what the library says.
+/// Renders an image. Returns the status, the share of pixels that are not background, and the message.
 fn seen(opened: &Opened, camera: &Camera, options: &ffi::RenderOptions) -> (Status, f32, String) {
     let mut workspace = opened.workspace(Some(&call::render_options()), ffi::NERF_OUTPUT_RGB);
     let mut picture = Guarded::new((3 * SIDE * SIDE) as usize, 0);

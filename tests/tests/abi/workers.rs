@@ -1,4 +1,4 @@
-//! Workers over the C interface: what they are opened for, used again and by several threads, and placed fields.
+//! Workers through the C interface: their requests, repeated and concurrent use, and placed instances.
 
 use nerf_core::Kernel;
 use nerf_render as ffi;
@@ -13,7 +13,7 @@ const SIDE: u32 = 20;
 const COUNT: usize = (SIDE * SIDE) as usize;
 const RGB: u32 = ffi::NERF_OUTPUT_RGB;
 
-/// A worker in memory of exactly the size it needs, or why there is none.
+/// Opens a worker in memory of exactly the required size; on failure, returns status and message.
 fn open(request: &ffi::Request) -> Result<(*mut ffi::Worker, Guarded), (Status, String)> {
     let (mut size, mut align, mut message) = (0, 0, Message::default());
     let text = message.0.as_mut_ptr();
@@ -56,7 +56,7 @@ fn instance(scene: *const ffi::Scene, to_world: [f32; 12]) -> ffi::Instance {
     ffi::Instance { struct_size: size_of::<ffi::Instance>(), scene, to_world }
 }
 
-/// Turned by a quarter about z, scaled, moved.
+/// Returns a transform: rotated by 90° about z, scaled, and moved to `at`.
 fn placed(scale: f32, at: [f32; 3]) -> [f32; 12] {
     let s = scale;
     [0.0, -s, 0.0, at[0], s, 0.0, 0.0, at[1], 0.0, 0.0, s, at[2]]
@@ -154,7 +154,8 @@ fn an_instance_that_is_none_is_named_by_its_index() {
     }
 }
 
-/// The first says how far it is from one to the next; another that says more would be read beyond the array.
+/// Verifies that an instance with another `struct_size` than the first is refused. The first instance's size is the
+/// stride of the array; a larger instance would be read beyond the end of the array.
 #[test]
 fn instances_of_different_sizes_are_refused_by_index() {
     let opened = call::open(Recipe::OCCUPANCY.blob(), Kernel::IN_PLACE);
@@ -170,7 +171,7 @@ fn instances_of_different_sizes_are_refused_by_index() {
     }
 }
 
-/// Of a scene where it was, of one elsewhere as its camera goes with it, of two and of the host's structures of any size.
+/// Renders placed scenes: unmoved, moved together with the camera, two at once, and in instance structures of any size.
 #[test]
 fn placed_fields_are_seen_where_they_stand() {
     for kernel in Kernel::all() {
@@ -255,7 +256,7 @@ fn a_worker_whose_call_panicked_is_of_no_more_use_but_its_scene_is() {
     assert!(picture(another).1 == expected);
 }
 
-/// Densities and colours may be fields of one structure, beside the points they are of.
+/// Verifies that densities and colours may be fields of the structures that contain the points.
 #[test]
 fn points_and_their_answers_may_lie_in_one_structure() {
     #[repr(C)]

@@ -1,8 +1,9 @@
-//! Frame after frame through the C interface: memory does not grow, and no picture changes.
+//! Long runs of frames through the C interface: memory does not grow, and no image changes.
 //!
-//! CI draws 1,000 frames of a scene of noise. `NERF_LONG=1` draws 100,000, of the scene in the file `NERF_LONG_BLOB`
-//! where that is set:
-//! `NERF_LONG=1 NERF_LONG_BLOB=out/demo/demo.nerf cargo test --release -p nerf-tests --test allocation long -- --nocapture`
+//! CI renders 1,000 frames of a scene with random weights. `NERF_LONG=1` renders 100,000 frames, of the scene in the
+//! file `NERF_LONG_BLOB` if set:
+//! `NERF_LONG=1 NERF_LONG_BLOB=out/demo/demo.nerf cargo test --release -p nerf-tests --test allocation long --
+//! --nocapture`
 
 use crate::LIVE;
 use nerf_core::Kernel;
@@ -24,17 +25,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const SIDE: u32 = 32;
 const PIXELS: usize = (SIDE * SIDE) as usize;
 const THREADS: usize = 2;
-/// Views around the scene, seen again and again.
+/// Number of views around the scene, which are rendered in turns.
 const POSES: usize = 20;
-/// Frames from one opening of the file to the next, each with the next kernel.
+/// Number of frames after which the file is opened again, with the next kernel.
 const OPEN_FRAMES: usize = 25;
-/// Ways to ask for a frame: the defaults, four presets, few samples, and every output with effects.
+/// Number of different requests for a frame: default options, four presets, few samples, and every output with effects.
 const REQUESTS: usize = 7;
-/// Which of them a run of frames has; most often the cheap ones.
+/// Sequence of the requests in a run; cheap requests are the most frequent.
 const TURNS: [usize; 12] = [5, 4, 5, 3, 5, 0, 5, 4, 6, 2, 5, 1];
 const EVERYTHING: u32 = 63;
 
-/// Where a child finds the file; it is set in children only.
+/// Environment variable with the path of the scene file, set only in child processes.
 const CHILD: &str = "NERF_LONG_CHILD";
 
 #[test]
@@ -61,16 +62,16 @@ fn frames_and_openings_without_end_take_no_more_memory_and_change_no_bit() {
     assert!(said.contains("resident"), "the child has measured nothing: {said}");
 }
 
-/// What a process takes.
+/// Memory use of a process.
 #[derive(Clone, Copy, Debug)]
 struct Memory {
     /// Bytes that are allocated and not freed.
     live: isize,
-    /// Resident memory, KiB: counted page by page, which the figure in `status` is not.
+    /// Resident memory, KiB, counted page by page, unlike the figure in `status`.
     resident: u64,
-    /// What of it is no file's, KiB: without code, which is read as it is come by.
+    /// Resident memory that belongs to no file, KiB: excludes code, which is loaded on first use.
     own: u64,
-    /// The most there has been of it, KiB.
+    /// Largest resident memory so far, KiB.
     peak: u64,
 }
 
@@ -133,7 +134,7 @@ fn draw_and_measure(file: &Path, checks: [usize; 3]) {
     assert!(end.own <= early.own + 16, "{early:?}, {end:?}");
 }
 
-/// The file with its last byte changed.
+/// Writes a copy of the file with its last byte changed. Returns the folder and path of the copy.
 fn damaged(file: &Path) -> (tempfile::TempDir, PathBuf) {
     let mut bytes = std::fs::read(file).expect("the scene's file");
     *bytes.last_mut().expect("bytes") ^= 1;
@@ -147,7 +148,7 @@ fn as_c(path: &Path) -> CString {
     CString::new(path.as_os_str().as_bytes()).expect("a path without NULs")
 }
 
-/// Opens a file that must, or must not, be a scene.
+/// Opens a scene file, and verifies that the status is `expected`.
 fn open(path: &CString, kernel: Kernel, expected: Status) -> *const ffi::Scene {
     let (options, mut scene) = (call::open_options(kernel), null());
     // SAFETY: everything lives until the call returns.
@@ -156,7 +157,7 @@ fn open(path: &CString, kernel: Kernel, expected: Status) -> *const ffi::Scene {
     scene
 }
 
-/// The options of a request; `None` for NULL.
+/// Returns the options of a request; `None` for default options (NULL).
 fn request(scene: *const ffi::Scene, number: usize) -> Option<ffi::RenderOptions> {
     let mut options = call::render_options();
     match number {
@@ -178,7 +179,7 @@ fn request(scene: *const ffi::Scene, number: usize) -> Option<ffi::RenderOptions
     Some(options)
 }
 
-/// A camera around the origin, where scenes are.
+/// Returns a camera on a circle around the origin, looking at the origin.
 fn view(pose: usize) -> ffi::Camera {
     let (sin, cos) = (std::f32::consts::TAU * pose as f32 / POSES as f32).sin_cos();
     let pose = Pose::look_at([4.0 * sin, 1.5, 4.0 * cos].into(), [0.0; 3].into(), [0.0, 1.0, 0.0].into());
@@ -190,7 +191,7 @@ unsafe extern "C-unwind" fn stop(_: *mut c_void, _: u64, _: u64) -> i32 {
     1
 }
 
-/// Draws one thread's frames.
+/// Renders the frames of one thread.
 fn draw(files: &[CString; 3], seen: &[AtomicU64], frames: impl Iterator<Item = usize>) {
     // Portable instructions are the slowest, and unpacked weights take memory.
     let mut vectors: Vec<Kernel> = kernels().filter(|kernel| *kernel != Kernel::IN_PLACE).collect();
@@ -247,7 +248,7 @@ fn draw(files: &[CString; 3], seen: &[AtomicU64], frames: impl Iterator<Item = u
     }
 }
 
-/// Enough for every output.
+/// Returns the memory size of a worker for every output, bytes.
 fn workspace_size(scene: *const ffi::Scene, options: Option<&ffi::RenderOptions>) -> usize {
     let options = options.map_or(null(), |options| options as *const _);
     let (mut size, mut align) = (0, 0);
@@ -301,7 +302,7 @@ fn render(
     status
 }
 
-/// FNV-1a over the bits; never 0.
+/// Returns the FNV-1a hash of the bits of an image; never 0.
 fn hash(picture: &[[f32; 8]]) -> u64 {
     let words = picture.iter().flatten().map(|x| u64::from(x.to_bits()));
     words.fold(0xcbf2_9ce4_8422_2325, |hash: u64, word| (hash ^ word).wrapping_mul(0x0100_0000_01b3)).max(1)

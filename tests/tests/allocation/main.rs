@@ -1,7 +1,7 @@
-//! Once its memory is lent, the renderer allocates nothing: not on opening, not in a frame, not on failing.
+//! The renderer allocates nothing once its memory is lent: not when opening a scene, not in a frame, not on errors.
 //!
-//! The C side has the same test (`tests/c/no_allocation.c`). What opening a file does allocate, closing gives back
-//! (`long`).
+//! `tests/c/no_allocation.c` is the same test in C. `long` verifies that closing a scene frees all memory that opening
+//! a file allocates.
 #![allow(unsafe_code, reason = "a global allocator is unsafe to implement, and tests call the C interface")]
 
 mod long;
@@ -17,14 +17,14 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicIsize, Ordering};
 
-/// The system's allocator, counting what each thread asks of it.
+/// The system's allocator, with a count of each thread's allocations.
 struct Counting;
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
 }
 
-/// Bytes that are allocated and not freed, of all threads.
+/// Bytes that are allocated and not freed, in all threads.
 static LIVE: AtomicIsize = AtomicIsize::new(0);
 
 #[global_allocator]
@@ -67,10 +67,10 @@ unsafe impl GlobalAlloc for Counting {
     }
 }
 
-/// With what some builds lack.
+/// All outputs, including those that some builds lack.
 const EVERYTHING: Outputs = Outputs { median_distance: true, normals: true, ..Outputs::ALL };
 
-/// Allocations of this thread during `work`.
+/// Returns the number of allocations that this thread makes during `work`.
 fn allocations(work: impl FnOnce()) -> usize {
     let before = ALLOCATIONS.get();
     work();
@@ -83,7 +83,7 @@ fn the_counter_counts() {
     assert_eq!(allocations(|| ()), 0);
 }
 
-/// All of them.
+/// All effects.
 const EFFECTS: Effects = Effects {
     jitter: Some(Jitter { seed: 1 }),
     anti_aliasing: 2,

@@ -1,16 +1,17 @@
-//! The binary interface is still the one of `tests/abi/nerf_render.abi`, but for additions.
+//! Comparison of the C ABI with its baseline `tests/abi/nerf_render.abi`: only additions are allowed.
 //!
-//! abidiff reads DWARF, and what C programs are compiled against is the header. So the header's functions are
-//! compiled as C, with traps for bodies, beside a variable for each enumeration and one whose enumerators are the
-//! integer constants: debug information of every structure, argument, callback and number that a host is built
-//! with, and nothing of Rust. Rust's own would name the types differently and bring std along. The way from the
-//! header to the library is closed by other tests: the header is generated from the sources (`header.rs`), the
-//! library shows its functions exactly (`packages.rs`), and C programs get Rust's pictures (`c.rs`).
+//! abidiff reads DWARF debug information, but C programs are compiled against the header. This test therefore compiles
+//! the header's functions as C, with traps for bodies, together with a variable of each enumeration and an enumeration
+//! of the integer constants. The debug information then describes every structure, argument, callback and number that a
+//! host is built with, and nothing of Rust, whose own debug information names types differently and includes std. Other
+//! tests verify that the library agrees with the header: the header is generated from the sources (`header.rs`), the
+//! library exports exactly the header's functions (`packages.rs`), and C programs render the same images as Rust
+//! (`c.rs`).
 //!
-//! New functions, enumerators and constants pass. A structure that grows does not, although the ABI promise
-//! allows growth at the end: somebody must look whether `Versioned::SIZE_V2` kept the old size. Then, and when a
-//! new NERF_ABI_VERSION breaks things on purpose, the baseline is renewed by
-//! `NERF_BLESS=abi cargo test --release -p nerf-tests --test hosts baseline`.
+//! New functions, enumerators and constants pass. A structure that grows fails, although the ABI promise allows growth
+//! at the end: a person must check that `Versioned::SIZE_V2` kept the old size. After this check, or when a new
+//! NERF_ABI_VERSION breaks the ABI on purpose, renew the baseline with `NERF_BLESS=abi cargo test --release -p
+//! nerf-tests --test hosts baseline`.
 #![cfg(all(target_arch = "x86_64", target_os = "linux"))]
 
 use nerf_tests::build::run;
@@ -30,7 +31,7 @@ fn header() -> String {
     std::fs::read_to_string(paths::header()).expect("include/nerf_render.h")
 }
 
-/// A C program that defines the functions of a header, and holds its enumerations and integer constants.
+/// Returns a C program that defines the functions of a header, and uses its enumerations and integer constants.
 fn definitions(header: &str) -> String {
     let code = without_comments(header);
     let is_directive = |line: &&str| line.trim_start().starts_with('#');
@@ -54,7 +55,7 @@ fn definitions(header: &str) -> String {
     program
 }
 
-/// A library with the interface of a header, with debug information.
+/// Builds a library that has the interface of a header, with debug information.
 fn library(header: &str, directory: &Path) -> PathBuf {
     let write =
         |name: &str, text: &str| std::fs::write(directory.join(name), text).expect("a temporary file");
@@ -66,7 +67,7 @@ fn library(header: &str, directory: &Path) -> PathBuf {
     directory.join("libnerf_render.so")
 }
 
-/// What abidiff finds changed or removed since the baseline.
+/// Returns what abidiff reports as changed or removed since the baseline; `None` without changes.
 fn changes(header: &str) -> Option<String> {
     let directory = paths::temporary();
     let mut command = Command::new("abidiff");
@@ -101,7 +102,7 @@ fn nothing_a_program_was_built_with_has_changed() {
     }
 }
 
-/// Replaces the first `from` of the header.
+/// Returns the header with the first `from` replaced by `to`.
 fn altered(from: &str, to: &str) -> String {
     let header = header();
     assert!(header.contains(from), "the header has no {from:?}");

@@ -20,7 +20,7 @@ fn example(path: &str) -> PathBuf {
     paths::workspace().join("nerf-render-ffi/examples").join(path)
 }
 
-/// 8-bit colour, and z_depth from the top row down, by the Rust renderer.
+/// Renders an image with the Rust renderer. Returns the 8-bit colours and `z_depth`, row by row.
 fn reference(blob: &[u8], kernel: Kernel, camera: &Camera) -> (Vec<u8>, Vec<f32>) {
     let blob = Blob::open(blob).expect("a blob");
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
@@ -39,7 +39,7 @@ fn reference(blob: &[u8], kernel: Kernel, camera: &Camera) -> (Vec<u8>, Vec<f32>
     (rgb, z_depth)
 }
 
-/// The camera whose pose the program printed.
+/// Returns the camera whose pose the program printed.
 fn printed_camera(stdout: &[u8]) -> Camera {
     let text = String::from_utf8_lossy(stdout);
     let line = text.lines().find_map(|line| line.strip_prefix("c2w ")).expect("a line \"c2w ...\"");
@@ -49,7 +49,7 @@ fn printed_camera(stdout: &[u8]) -> Camera {
     Camera::new(Intrinsics::centred(WIDTH, HEIGHT, focal), Lens::NONE, pose).expect("a camera")
 }
 
-/// What follows `header` in a file.
+/// Returns the bytes behind `header` in a file.
 fn content(path: &Path, header: &str) -> Vec<u8> {
     let bytes = std::fs::read(path).expect("the program wrote it");
     bytes.strip_prefix(header.as_bytes()).unwrap_or_else(|| panic!("{}: header", path.display())).to_vec()
@@ -94,7 +94,7 @@ fn pictures_are_the_rust_renderers(language: Language, source: &str, arguments: 
     }
 }
 
-/// 8-bit colour of a picture in `size`, by the Rust renderer.
+/// Renders a 2D field at `size` pixels with the Rust renderer. Returns the 8-bit colours, row by row.
 fn picture_reference(blob: &[u8], kernel: Kernel, size: [u32; 2]) -> Vec<u8> {
     let pixels = picture(blob, kernel, MathBackend::Polynomial, size);
     pixels.iter().flatten().map(|c| (c * 255.0 + 0.5) as u8).collect()

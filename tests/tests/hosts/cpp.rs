@@ -1,4 +1,4 @@
-//! `nerf_render.hpp` with each compiler, and what the C++ examples draw: what Rust draws, bit for bit.
+//! `nerf_render.hpp` with each compiler, and the C++ examples, whose images equal the Rust renderer's bit for bit.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -18,7 +18,7 @@ use std::process::Command;
 mod viewer;
 
 const WARNINGS: [&str; 6] = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"];
-/// What GCC alone knows.
+/// Warning flag that only GCC has.
 const OF_GCC: &str = "-Wuseless-cast";
 const LEAN: [&str; 2] = ["-fno-exceptions", "-fno-rtti"];
 
@@ -26,7 +26,7 @@ fn examples() -> PathBuf {
     paths::workspace().join("nerf-render-ffi/examples/cpp")
 }
 
-/// The pixels of a camera's image, row by row, by the Rust renderer.
+/// Renders a camera's image with the Rust renderer. Returns the pixels, row by row.
 fn reference(blob: &[u8], kernel: Kernel, camera: &Camera, outputs: Outputs) -> Vec<Pixel> {
     let blob = Blob::open(blob).expect("a blob");
     let quality = Quality::preset(&blob, Preset::High);
@@ -45,20 +45,20 @@ fn bytes_of(pixels: &[Pixel]) -> Vec<u8> {
     pixels.iter().flat_map(|pixel| pixel.rgb.map(|c| (c.clamp(0.0, 1.0) * 255.0 + 0.5) as u8)).collect()
 }
 
-/// The numbers behind a word of a line or text.
+/// Returns the numbers that follow `word` in a text.
 fn numbers<const N: usize>(text: &str, word: &str) -> [f32; N] {
     let mut words = text.split_whitespace().skip_while(|&found| found != word).skip(1);
     std::array::from_fn(|_| words.next().expect(word).parse().expect("a number"))
 }
 
-/// The camera that a program printed: focal length and pose.
+/// Returns the camera that a program printed: focal length and pose.
 fn printed_camera(text: &str, [width, height]: [u32; 2]) -> Camera {
     let ([focal], c2w) = (numbers(text, "focal"), numbers::<12>(text, "c2w"));
     let pose = Pose::from_rows(std::array::from_fn(|i| std::array::from_fn(|j| c2w[4 * i + j])));
     Camera::new(Intrinsics::centred(width, height, focal), Lens::NONE, pose).expect("a camera")
 }
 
-/// What follows `header` in a file.
+/// Returns the bytes behind `header` in a file.
 fn content(path: &Path, header: &str) -> Vec<u8> {
     let bytes = std::fs::read(path).expect("the program wrote it");
     bytes.strip_prefix(header.as_bytes()).unwrap_or_else(|| panic!("{}: header", path.display())).to_vec()
@@ -147,7 +147,7 @@ fn every_wrapper_keeps_its_word() {
     }
 }
 
-/// What is in a PNG whose deflate blocks are stored: width, height, bits and colour type; its texts; its rows.
+/// Content of a PNG with stored deflate blocks. `header`: width, height, bits per channel, colour type.
 struct Png {
     header: [u32; 4],
     texts: Vec<String>,

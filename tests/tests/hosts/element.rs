@@ -1,4 +1,4 @@
-//! The web element from its package, in pages that have nothing but its tag.
+//! The web element from its npm package, in pages that contain only its tag.
 
 use super::web::{Server, build_page};
 use nerf_tests::browser::{chromium, document, noted};
@@ -10,9 +10,9 @@ use std::process::Command;
 
 const MODULE: &str = "<script type=\"module\" src=\"node_modules/nerf-view/nerf-view.js\"></script>";
 const WRONG: [&str; 3] = ["missing.nerf", "damaged.nerf", "picture.nerf"];
-/// In which a page must not stutter once at least: other programs hold any thread up now and then.
+/// Number of attempts, at least one of which must not stutter: other programs can delay a thread.
 const TURNS: usize = 5;
-/// Notes workers that begin and end.
+/// Script that records each worker, and whether the worker was terminated.
 const NOTING: &str = "<script>
     var noted = [];
     Worker = class extends Worker {
@@ -22,7 +22,8 @@ const NOTING: &str = "<script>
     };
 </script>";
 
-/// A browser, and in a folder the package as npm installs it, scenes and pages; `None` where something is missing.
+/// Fills `folder` with the package as npm installs it, scenes and pages. Returns the path of a browser; `None` if a
+/// tool is missing.
 fn site(folder: &Path) -> Option<PathBuf> {
     if !all_here(&["npm", "python3"]) || !build_page(&[Path::new("--package"), folder]) {
         return None;

@@ -1,4 +1,4 @@
-//! The firmware example: on an emulated microcontroller the picture is the host's, and within its budgets.
+//! The firmware example: an emulated microcontroller renders the host's image, within limits of memory and code size.
 
 use nerf_core::memory::Line;
 use nerf_tests::build::run;
@@ -13,10 +13,10 @@ mod picture;
 
 use picture::{Checksums, View, draw};
 
-/// The seed's size.
+/// Scene with a network of the original NeRF's size: 8 trunk layers of 256 units with a skip layer.
 const LARGE: Recipe = Recipe { trunk: (8, 256), skip: true, seed: 11, ..Recipe::PLAIN };
 
-/// The checksums of the host's portable instructions, as the firmware prints them.
+/// Returns the checksums of the host's portable instructions, formatted as the firmware prints them.
 fn host(blob: &[u8], view: View) -> String {
     let mut workspace = [Line::UNINIT; 128];
     let mut sums = Checksums::NONE;

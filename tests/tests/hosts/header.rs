@@ -1,4 +1,5 @@
-//! The committed header is what the sources say, and names what the library exports.
+//! The committed header equals the header generated from the sources, and the header's names are exported by the
+//! library.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
 use nerf_tests::{build, paths, symbols};
@@ -12,7 +13,8 @@ fn generated() -> String {
     String::from_utf8(header).expect("UTF-8").lines().map(|line| with_float_literal(line) + "\n").collect()
 }
 
-/// cbindgen writes an f32 as a double, which a C compiler warns of where it becomes a float.
+/// Appends `f` to the number of a float constant. cbindgen writes an f32 as a double, and C compilers warn where a
+/// double is converted to float.
 fn with_float_literal(line: &str) -> String {
     let number = line.strip_prefix("#define ").and_then(|rest| rest.split(' ').nth(1)).unwrap_or_default();
     let is_float = number.contains(['.', 'e']) && number.parse::<f32>().is_ok();

@@ -1,4 +1,5 @@
-//! Programs that embed the library: C, C++, Python, a browser, a microcontroller; what they link, and who watches them.
+//! Programs that embed the library: C, C++, Python, a browser, a microcontroller. Tests cover their images, their
+//! packages, and their memory accesses under sanitizers.
 
 mod baseline;
 mod c;

@@ -1,7 +1,7 @@
-//! What is installed can be used: by CMake and by pkg-config, from C and C++, shared and static, wherever it lies.
+//! Installed packages of the library: usable by CMake and pkg-config, from C and C++, shared and static, in any folder.
 //!
-//! There are two ways to install, `cmake --install` and `cargo cinstall`. Where cargo-c is not installed the
-//! second is left out, and the tests say so.
+//! The library can be installed by `cmake --install` and by `cargo cinstall`. Without cargo-c, the tests skip the
+//! second way and print a message.
 #![cfg(target_os = "linux")]
 
 use nerf_core::Kernel;
@@ -19,7 +19,7 @@ use std::process::Command;
 use std::sync::OnceLock;
 
 const TOOLS: [&str; 7] = ["cmake", "make", "pkg-config", "gcc", "g++", "clang", "clang++"];
-/// Compilers of C and of C++.
+/// Pairs of a C compiler and a C++ compiler.
 const COMPILERS: [[&str; 2]; 2] = [["gcc", "g++"], ["clang", "clang++"]];
 const SONAME: &str = "libnerf_render.so.2";
 
@@ -27,19 +27,19 @@ fn ffi_crate() -> PathBuf {
     paths::workspace().join("nerf-render-ffi")
 }
 
-/// The project that uses the package.
+/// Returns the folder of a project that uses the package.
 fn outside() -> PathBuf {
     paths::workspace().join("tests/outside")
 }
 
-/// Cargo's target directory.
+/// Returns cargo's target directory.
 fn target() -> PathBuf {
     // Beside the executable that runs: target/release/deps/test-0123.
     let own = std::env::current_exe().expect("a path");
     own.ancestors().nth(3).expect("cargo's target directory").to_path_buf()
 }
 
-/// An empty directory in `target/packages`; it stays, for a look at what was installed.
+/// Makes an empty folder in `target/packages`. The folder is kept, so that the installed files can be inspected.
 fn fresh(name: &str) -> PathBuf {
     let path = target().join("packages").join(name);
     let _ = std::fs::remove_dir_all(&path);
@@ -47,24 +47,24 @@ fn fresh(name: &str) -> PathBuf {
     path
 }
 
-/// `-Dname=value`
+/// Returns the CMake argument `-Dname=value`.
 fn set(name: &str, value: impl AsRef<Path>) -> String {
     format!("-D{name}={}", value.as_ref().display())
 }
 
-/// `cmake -S source -B build`, with settings; not yet run.
+/// Returns the command `cmake -S source -B build` with `settings`; does not run the command.
 fn configure(source: &Path, build: &Path, settings: &[String]) -> Command {
     let mut command = Command::new("cmake");
     command.arg("-S").arg(source).arg("-B").arg(build).args(settings);
     command
 }
 
-/// `cmake --build build`
+/// Runs `cmake --build build`.
 fn make(build: &Path) {
     run(Command::new("cmake").env("CARGO_NET_OFFLINE", "true").arg("--build").arg(build));
 }
 
-/// A prefix that CMake installed, with its libraries in `libdir`.
+/// Installs the package with CMake, with libraries in `libdir`. Returns the installation prefix.
 fn by_cmake(name: &str, libdir: &str) -> PathBuf {
     let (build, prefix) = (fresh(&format!("{name}-build")), fresh(name));
     let cargo = set("NERF_RENDER_CARGO_TARGET", target());
@@ -74,7 +74,7 @@ fn by_cmake(name: &str, libdir: &str) -> PathBuf {
     prefix
 }
 
-/// A prefix that cargo-c installed.
+/// Installs the package with cargo-c. Returns the installation prefix.
 fn by_cargo_c(name: &str) -> PathBuf {
     let prefix = fresh(name);
     let mut command = Command::new("cargo");
@@ -84,7 +84,8 @@ fn by_cargo_c(name: &str) -> PathBuf {
     prefix
 }
 
-/// Prefixes and who installed them, once per run; none where tools are missing.
+/// Returns the installation prefixes, each with the name of its installer; empty if a tool is missing. Installs only
+/// once per run.
 fn installed() -> &'static [(&'static str, PathBuf)] {
     static INSTALLED: OnceLock<Vec<(&str, PathBuf)>> = OnceLock::new();
     // Asked by each test, so that each is noted as left out.
@@ -102,7 +103,7 @@ fn installed() -> &'static [(&'static str, PathBuf)] {
     })
 }
 
-/// Paths of all files below `directory`, with what links point to.
+/// Returns the paths of all files below `directory`, each with the target of the link if the file is a link.
 fn files(directory: &Path) -> BTreeMap<String, Option<PathBuf>> {
     let output = run(Command::new("find").current_dir(directory).args([".", "!", "-type", "d"])).stdout;
     let names = String::from_utf8(output).expect("UTF-8");
@@ -110,7 +111,7 @@ fn files(directory: &Path) -> BTreeMap<String, Option<PathBuf>> {
     names.lines().map(|name| (name[2..].to_owned(), link(name))).collect()
 }
 
-/// 8-bit colour as `tests/outside` asks for it, by the Rust renderer.
+/// Renders the image that the programs in `tests/outside` render, with the Rust renderer. Returns 8-bit colours.
 fn picture() -> Vec<u8> {
     let blob = Recipe::PLAIN.blob();
     let blob = Blob::open(&blob).expect("a blob");
@@ -129,7 +130,7 @@ fn picture() -> Vec<u8> {
     rgb
 }
 
-/// Runs a program of the outside project: it is linked as it should be, and draws what Rust draws.
+/// Runs a program of the outside project. Verifies that it is linked as `shared` says and renders Rust's image.
 fn draws(program: &Path, shared: bool, libdir: &Path) {
     let headers = run(Command::new("objdump").arg("-p").arg(program)).stdout;
     let needed = String::from_utf8_lossy(&headers).contains(SONAME);
@@ -147,7 +148,7 @@ fn draws(program: &Path, shared: bool, libdir: &Path) {
     assert!(found == expected, "{}: another picture, {} bytes", program.display(), found.len());
 }
 
-/// Builds the outside project with CMake and runs its programs; `shared` says whether a shared library is there.
+/// Builds the outside project with CMake and runs its programs. `shared`: whether a shared library is installed.
 fn cmake_project(name: &str, compilers: [&str; 2], place: String, shared: bool) {
     let build = fresh(name);
     let [c, cpp] = compilers.map(PathBuf::from);
@@ -165,7 +166,7 @@ fn cmake_project(name: &str, compilers: [&str; 2], place: String, shared: bool) 
     }
 }
 
-/// Compiles the outside project's programs with what pkg-config says, and runs them.
+/// Compiles the outside project's programs with the flags from pkg-config, and runs the programs.
 fn pkg_config_project(name: &str, compilers: [&str; 2], libdir: &Path, shared: bool) {
     let into = fresh(name);
     let mut command = Command::new("pkg-config");
@@ -188,7 +189,8 @@ fn pkg_config_project(name: &str, compilers: [&str; 2], libdir: &Path, shared: b
     }
 }
 
-/// A release is made of what is committed: a build folder that git sees would stop it.
+/// Verifies that git ignores the build folders of the guide: a release contains only committed files, and an unignored
+/// build folder would stop it.
 #[test]
 fn build_folders_of_the_guide_are_ignored() {
     let read = |path: &str| std::fs::read_to_string(paths::workspace().join(path)).expect(path);

@@ -1,5 +1,5 @@
-//! The Python package over the library that Cargo builds: its own tests, and rays of numpy arrays that are those of Rust, bit
-//! for bit. `.ci/run` tests the wheel.
+//! The Python package with the library that Cargo builds: the package's own tests, and rays from numpy arrays, whose
+//! results equal Rust's bit for bit. `.ci/run` tests the wheel.
 
 use nerf_core::blob::Blob;
 use nerf_core::camera::Ray;
@@ -19,7 +19,7 @@ fn sources() -> PathBuf {
     paths::workspace().join("nerf-render-ffi/python")
 }
 
-/// Whether there is a Python with these modules.
+/// Returns whether there is a Python with these modules.
 fn python_with(modules: &[&str]) -> bool {
     let imports = |module: &&&str| {
         let python = Command::new("python3").args(["-c", &format!("import {module}")]).output();
@@ -28,7 +28,7 @@ fn python_with(modules: &[&str]) -> bool {
     all_here(&["python3"]) && modules.iter().filter(imports).count() == 0
 }
 
-/// A Python that finds the package, with the library inside, and a scene, in `directory`.
+/// Installs the package, its library and a scene in `directory`. Returns a command for a Python that finds the package.
 fn python(directory: &Path) -> Command {
     let package = directory.join("nerf_render");
     std::fs::create_dir(&package).expect("a folder");
@@ -45,7 +45,7 @@ fn python(directory: &Path) -> Command {
     command
 }
 
-/// As in `.ci/run`, but for what needs the wheel.
+/// Runs the package's tests as `.ci/run` does, except those that need the wheel.
 #[test]
 fn the_package_passes_its_tests() {
     if !python_with(&["numpy", "pytest"]) {
@@ -71,7 +71,7 @@ nerf.Scene("scene.nerf").rays(rays["origin"], rays["dir"], out=out)
 rays.tofile("rays.bin")
 "#;
 
-/// Rays that numpy made, in records, and what they saw: the Rust renderer sees the same, bit for bit.
+/// Renders rays from an array of numpy records; the Rust renderer gives the same results, bit for bit.
 #[test]
 fn rays_in_arrays_of_python_are_those_of_rust() {
     if !python_with(&["numpy"]) {

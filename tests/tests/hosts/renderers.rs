@@ -1,5 +1,5 @@
-//! Example renderers that draw a field among their own surfaces: a ray tracer, a path tracer, a rasteriser, one on Embree,
-//! one on OpenMP's threads.
+//! Example renderers that render a field together with their own surfaces: a ray tracer, a path tracer, a rasteriser,
+//! one with Embree, and one with OpenMP threads.
 
 use nerf_tests::build::{Language, program, run};
 use nerf_tests::paths;
@@ -15,7 +15,8 @@ fn examples() -> PathBuf {
     paths::workspace().join("nerf-render-ffi/examples")
 }
 
-/// Builds an example and runs it on a scene; what it wrote as linear light.
+/// Builds an example and runs it on a scene. Returns the image, in linear light. `last`: the example's last argument, a
+/// number of threads or samples.
 fn drawn(directory: &Path, name: &str, scene: &str, last: &str) -> Vec<f32> {
     let source = examples().join("cpp").join(name).with_extension("cpp");
     let binary = directory.join(name);
@@ -93,7 +94,7 @@ fn embree_s_hits_end_the_rays() {
     assert!(mean_difference(&draw("scene.nerf"), &draw("plain.nerf")) > 0.01);
 }
 
-/// Whether the C++ compiler has OpenMP.
+/// Returns whether the C++ compiler has OpenMP.
 fn openmp(directory: &Path) -> bool {
     let source = directory.join("probe.cpp");
     std::fs::write(&source, "#include <omp.h>\nint main() { return omp_get_max_threads() < 1; }\n")

@@ -1,9 +1,9 @@
-//! What a machine lacks is said once, noted for `.ci/run`, and an error in CI.
+//! Missing tools are reported once, listed for `.ci/run`, and are an error in CI.
 
 use nerf_tests::{paths, tools};
 use std::process::{Command, Output};
 
-/// Run by the test below, without anything in `PATH`.
+/// Helper that the test below runs, with an empty `PATH`.
 #[test]
 #[ignore = "only the test below runs it"]
 fn lacks_two_tools() {

@@ -1,10 +1,10 @@
-//! C and C++ hosts under valgrind, AddressSanitizer and ThreadSanitizer: nothing to report, and proof that each
-//! would report.
+//! C and C++ hosts under valgrind, AddressSanitizer and ThreadSanitizer: correct programs give no report, and
+//! deliberate errors are found.
 //!
-//! The sanitizers instrument this project's code and the host's, not the standard
-//! library's. ThreadSanitizer therefore sees every access the library makes, and the host's own synchronisation
-//! (pthread is intercepted), but not synchronisation inside the standard library; the library uses none: a scene
-//! never changes, and its one atomic, which remembers what the CPU can, is its own code.
+//! The sanitizers instrument the code of this project and of the host, not the standard library's. ThreadSanitizer
+//! therefore sees every access by the library and the host's own synchronisation (pthread is intercepted), but not
+//! synchronisation inside the standard library. The library uses none: a scene never changes, and the one atomic, which
+//! caches the features of the CPU, is in the library's own code.
 
 use nerf_tests::build::{self, Language, Sanitizer, sanitized_program};
 use nerf_tests::paths;
@@ -13,7 +13,8 @@ use nerf_tests::tools::{all_here, there_is};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-/// Every kernel, and a scene with and without an occupancy grid, without a report.
+/// Runs the program with every watchable kernel on a scene with and one without an occupancy grid. Verifies that there
+/// is no report.
 fn is_clean(mut command: impl FnMut() -> Command, directory: &Path, watchable: impl Fn(&str) -> bool) {
     for (name, recipe) in [("plain.nerf", Recipe::PLAIN), ("occupancy.nerf", Recipe::OCCUPANCY)] {
         std::fs::write(directory.join(name), recipe.blob()).expect("a temporary file");
@@ -24,7 +25,7 @@ fn is_clean(mut command: impl FnMut() -> Command, directory: &Path, watchable: i
     }
 }
 
-/// What is wrong on purpose is found, in the library's own code.
+/// Runs the program with a deliberate error. Verifies that the error is reported, at a place in the library's own code.
 fn is_found(command: &mut Command, directory: &Path, wrong: &str, report: &str, place: &str) {
     std::fs::write(directory.join("plain.nerf"), Recipe::PLAIN.blob()).expect("a temporary file");
     // Where there is no LLVM, binutils name the places.
@@ -46,14 +47,14 @@ fn watched() -> PathBuf {
     paths::workspace().join("tests/c/watched.c")
 }
 
-/// A C++ example on three threads, or with three samples.
+/// Runs a C++ example with three threads or three samples. Verifies that there is no report.
 fn example_is_clean(mut command: Command, directory: &Path) {
     std::fs::write(directory.join("scene.nerf"), Recipe::OCCUPANCY.blob()).expect("a temporary file");
     let output = run(command.args(["scene.nerf", "out", "24", "20", "3"]), directory);
     assert!(output.status.success(), "{}", said(&output));
 }
 
-/// Those that render on threads, with limits and with collisions.
+/// Returns the C++ examples that use threads, limits or collisions.
 fn cpp_examples() -> [PathBuf; 4] {
     let folder = paths::workspace().join("nerf-render-ffi/examples/cpp");
     ["render.cpp", "hybrid.cpp", "path.cpp", "raster.cpp"].map(|name| folder.join(name))

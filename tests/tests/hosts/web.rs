@@ -1,4 +1,5 @@
-//! The WebAssembly module in a page of its own: same exports, same layouts, and the portable bits.
+//! The WebAssembly module in its web page: same exports and layouts as the header, and images equal to the portable
+//! kernel's bit for bit.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -21,7 +22,7 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 const VIEWS: &str = r#"{"views":[{"name":"<red>","camera":{"width":3,"height":2,"fx":3,"fy":3,"cx":1.5,"cy":1,
     "c2w":[1,0,0,0,0,1,0,0,0,0,1,4]},"picture":"data:image/png;base64,iVBORw0KGgoAAAANSUhEUgAAAAMAAAACCAIAAAASFvFNAAAAEElEQVR4nGM8wQAFTDAGAwAPFADMILIQogAAAABJRU5ErkJggg=="}]}"#;
 
-/// Whether the script has built what it was asked for: not without the compiler's target.
+/// Runs the build script with `arguments`. Returns false if a tool or the compiler's WebAssembly target is missing.
 pub fn build_page(arguments: &[&Path]) -> bool {
     if !all_here(&["sed", "grep", "gzip"]) {
         return false;
@@ -37,12 +38,13 @@ pub fn build_page(arguments: &[&Path]) -> bool {
     true
 }
 
-/// A browser for a page that the script builds; `None` without the compiler's target or a browser.
+/// Builds a page with the script. Returns the path of a browser; `None` if the WebAssembly target or a browser is
+/// missing.
 fn built(arguments: &[&Path]) -> Option<PathBuf> {
     build_page(arguments).then(chromium).flatten()
 }
 
-/// The page of a blob.
+/// Builds the page of a scene file. Returns the paths of the page and of a browser.
 fn page(blob: &[u8], folder: &Path) -> Option<(PathBuf, PathBuf)> {
     let [scene, page, views] = ["scene.nerf", "page.html", "views.json"].map(|name| folder.join(name));
     std::fs::write(&scene, blob).expect("a temporary file");
@@ -50,12 +52,12 @@ fn page(blob: &[u8], folder: &Path) -> Option<(PathBuf, PathBuf)> {
     built(&[&scene, &page, &views]).map(|browser| (page, browser))
 }
 
-/// The address of a page on disk.
+/// Returns the address of a page on disk.
 fn file(page: &Path) -> String {
     format!("file://{}", page.display())
 }
 
-/// Bits of the six planes that the page drew, in the order of [`reference`].
+/// Returns the bits of the six planes that the page rendered, in the order of [`reference`].
 fn drawn(dump: &Value) -> Vec<(&'static str, Vec<u32>)> {
     let plane = |name: &'static str| {
         let hex = dump["planes"][name].as_str().expect("a plane");
@@ -65,7 +67,8 @@ fn drawn(dump: &Value) -> Vec<(&'static str, Vec<u32>)> {
     ["rgb", "opacity", "ray_distance", "z_depth", "median_distance", "normals"].map(plane).into()
 }
 
-/// The same planes by the portable instructions of this machine, and its multiply-adds.
+/// Renders the six planes with this machine's portable instructions. Returns their bits and the number of
+/// multiply-adds.
 fn reference(blob: &[u8], camera: &Value) -> (Vec<Vec<u32>>, u64) {
     let number = |name: &str| camera[name].as_f64().expect("a number") as f32;
     let c2w: Vec<f32> =
@@ -103,7 +106,7 @@ fn reference(blob: &[u8], camera: &Value) -> (Vec<Vec<u32>>, u64) {
     (planes, work.expect("a picture").macs)
 }
 
-/// Every size and offset the page believes in is the compiler's for wasm32.
+/// Verifies that every size and offset that the page assumes equals the compiler's for wasm32.
 fn layouts_are_the_headers(layouts: &Value, folder: &Path) {
     if !all_here(&["clang"]) {
         return;
@@ -172,7 +175,7 @@ fn the_page_turns_and_draws_the_portable_bits() {
     }
 }
 
-/// A server of a folder, as the page's README has it; it ends with this.
+/// A web server of a folder, as the page's README describes. The server stops when dropped.
 pub struct Server {
     python: Child,
     said: Lines<BufReader<ChildStderr>>,
@@ -192,7 +195,7 @@ impl Server {
         Self { python, said, address }
     }
 
-    /// Returns once so many requests for a file were answered.
+    /// Waits until `times` more requests for a file were answered.
     fn wait_for(&mut self, name: &str, times: usize) {
         let asked = self
             .said

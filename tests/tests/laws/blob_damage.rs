@@ -1,4 +1,4 @@
-//! Whatever happens to a blob's bytes: a typed error, never a panic, never a picture.
+//! Damaged scene files: any damage gives a typed error, never a panic or an image.
 
 use nerf_core::Kernel;
 use nerf_core::blob::{
@@ -12,14 +12,14 @@ use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera};
 
-/// Two scenes and two pictures, small enough to damage everywhere.
+/// Scenes and 2D fields that are small enough to damage every byte.
 const BLOBS: [Recipe; 4] = [Recipe::TINY, Recipe::TINY_PROPOSAL, Recipe::TINY_PICTURE, TINY_CODED];
 
-/// A picture by a grid with coded tables: each byte of them is damaged, too.
+/// 2D field with a learned grid whose tables are entropy-coded.
 const TINY_CODED: Recipe =
     Recipe { coded: true, int8: true, levels: 1, trunk: (1, 2), ..Recipe::LEARNED_PICTURE };
 
-/// Sets the checksum right, so that the rules behind it are met.
+/// Writes the correct checksum, so that the checks behind the checksum are reached.
 pub(crate) fn fix_checksum(blob: &mut [u8]) {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let mut digest = crc.digest();
@@ -29,7 +29,7 @@ pub(crate) fn fix_checksum(blob: &mut [u8]) {
     blob[24..28].copy_from_slice(&digest.finalize().to_le_bytes());
 }
 
-/// Header and checksum for a body that may be wrong.
+/// Returns a file with a valid header and checksum for `body`, which may be invalid.
 fn with_body(body: &[u8]) -> Vec<u8> {
     let mut blob = Recipe::TINY.blob()[..HEADER_LEN].to_vec();
     blob[16..24].copy_from_slice(&(body.len() as u64).to_le_bytes());
@@ -78,7 +78,7 @@ fn every_flipped_bit_is_an_error() {
     }
 }
 
-/// Whether one pixel of it can be drawn.
+/// Returns whether one pixel of the scene or 2D field can be rendered.
 fn draws(blob: Blob<'_>) -> bool {
     let (batch, rect) = (Batch::SMALLEST, Rect { x: 0, y: 0, width: 1, height: 1 });
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, Kernel::IN_PLACE)];

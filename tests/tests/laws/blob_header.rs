@@ -1,11 +1,12 @@
-//! The header of a blob against its own description: every word of every field, every pair of bytes, any bytes at all.
+//! Errors of a scene file's header, compared with a second implementation of its rules: every 16-bit word of the
+//! header's fields, every pair of bytes, and arbitrary bytes.
 
 use crate::blob_damage::fix_checksum;
 use nerf_core::blob::{Blob, BlobError, FORMAT_VERSION, HEADER_LEN, MAGIC};
 use nerf_tests::scenes::Recipe;
 use proptest::prelude::*;
 
-/// CRC-32 (ISO-HDLC) of header and body, the checksum and what follows it at 0.
+/// Computes the CRC-32 (ISO-HDLC) of header and body, with the checksum field and the bytes after it set to 0.
 fn checksum(blob: &[u8]) -> u32 {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let mut digest = crc.digest();
@@ -15,7 +16,8 @@ fn checksum(blob: &[u8]) -> u32 {
     digest.finalize()
 }
 
-/// What `docs/blob-format.md` says of a header, in numbers that do not overflow; `None` where it is right.
+/// Returns the error that `docs/blob-format.md` requires for a header, computed without overflow; `None` for a valid
+/// header.
 fn expected(blob: &[u8]) -> Option<BlobError> {
     let found = blob.len() as u64;
     let magic = blob.len().min(8);
@@ -53,7 +55,8 @@ fn expected(blob: &[u8]) -> Option<BlobError> {
     (reserved != 0).then_some(BlobError::Reserved { found: reserved })
 }
 
-/// Opens it; a header that is wrong is refused for exactly that, and one that is right never is.
+/// Opens a scene file. Verifies that an invalid header gives exactly the expected error, and that a valid header gives
+/// no error of the header.
 fn check(blob: &[u8]) -> Result<(), BlobError> {
     let found = Blob::open(blob).map(|_| ());
     match (expected(blob), found) {
@@ -147,8 +150,7 @@ proptest! {
         let _ = check(&behind_a_header(&body));
     }
 
-    /// The first bytes of a body that is right, then anything: an architecture, a scene, an occupancy grid that are
-    /// odd.
+    /// Valid first bytes of a body, followed by arbitrary bytes: malformed architectures, scenes and occupancy grids.
     #[test]
     fn any_end_of_a_right_beginning_is_refused_by_type(
         kept in 0usize..240,

@@ -1,11 +1,12 @@
-//! Bodies that describe what no renderer could hold: refused by name, whatever they say of their size.
+//! Scene files that describe shapes beyond every limit: each is refused with the right error, whatever sizes it claims.
 
 use crate::blob_damage::fix_checksum;
 use nerf_core::blob::{Blob, BlobError, HEADER_LEN, Section};
 use nerf_core::network::ArchitectureError;
 use nerf_tests::scenes::Recipe;
 
-/// The blob of [`Recipe::TINY`] with `count` bytes of its body from `at` on in another form, its header right.
+/// Returns the file of [`Recipe::TINY`] with `bytes` in place of `count` bytes of its body from `at`, and with a valid
+/// header.
 fn with(at: usize, count: usize, bytes: &[u8]) -> Vec<u8> {
     let right = Recipe::TINY.blob();
     let mut body = right[HEADER_LEN..].to_vec();
@@ -23,7 +24,7 @@ fn refused(at: usize, count: usize, bytes: &[u8]) -> BlobError {
     error
 }
 
-/// A number as postcard writes it.
+/// Encodes a number as postcard does.
 fn varint(mut number: u64) -> Vec<u8> {
     let mut bytes = vec![];
     while number >= 0x80 {
@@ -34,11 +35,12 @@ fn varint(mut number: u64) -> Vec<u8> {
     bytes
 }
 
-/// Where the trunk begins: its number of layers, then width and skip of each. Where the occupancy grid does: its
-/// resolution.
+/// Offset of the trunk in the body: number of layers, then width and skip flag of each layer.
 const TRUNK: usize = 6;
+/// Offset of the occupancy grid in the body: its resolution comes first.
 const OCCUPANCY: usize = 63;
-/// The first text of the provenance, behind an occupancy grid of eight cells, no front and no proposal.
+/// Offset of the first text of the provenance in the body, behind an occupancy grid of eight cells, no front and no
+/// proposal network.
 const TEXT: usize = 70;
 
 #[test]

@@ -1,4 +1,5 @@
-//! What is off costs nothing: no evaluation, no workspace, no bit of the picture, and no code in a build without.
+//! Work and code size of effects: an effect that is off takes no evaluation and no workspace, changes no bit of the
+//! image, and has no code in a build without its feature.
 
 use nerf_tests::build::{build_alone, run};
 use nerf_tests::paths;
@@ -8,7 +9,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
-/// Each feature, with functions that are there for it alone, and files of `nerf-core/src` that do its work.
+/// Effects, each with its feature, functions that only this feature compiles, and files of `nerf-core/src` that
+/// implement it.
 const EFFECTS: [(&str, &[&str], &[&str]); 7] = [
     ("jitter", &["jittered"], &["sampling/jitter"]),
     ("anti-aliasing", &["place_in_pixel", "add_ray"], &["render/pixel/anti_aliasing"]),
@@ -23,18 +25,19 @@ const EFFECTS: [(&str, &[&str], &[&str]); 7] = [
     ),
 ];
 
-/// Bytes of machine code that files which stand in for an effect may have: to hand on what they are given.
+/// Largest size of the machine code, bytes, of the file that replaces an effect in a build without it: enough to pass
+/// values through.
 const STAND_IN: u64 = 64;
 
-/// A program that was built with some of the features.
+/// Measurements of a program that was built with some of the features.
 struct Build {
-    /// Lines of `nerf-core/examples/checksum.rs` by kernel and effect: checksum, workspace and work.
+    /// Lines that `nerf-core/examples/checksum.rs` prints, by kernel and effect: checksum, workspace and work.
     lines: BTreeMap<(String, String), String>,
-    /// Bytes of machine code and constants.
+    /// Size of the machine code and constants, bytes.
     text: u64,
-    /// Bytes of machine code that each file of `nerf-core/src` became, inlined or not.
+    /// Size of the machine code from each file of `nerf-core/src`, inlined code included, bytes.
     code: BTreeMap<String, u64>,
-    /// Names of its functions, as the linker has them.
+    /// Symbols of the program, as `nm` prints them.
     symbols: String,
 }
 
@@ -54,7 +57,8 @@ fn build(features: &str, scene: &Path) -> Build {
     Build { lines, text: text.expect("the size of the text"), code: code(program), symbols }
 }
 
-/// Bytes of machine code of each file of `nerf-core/src`, by the debug information's table of lines.
+/// Returns the size of the machine code from each file of `nerf-core/src`, bytes, computed from the line table in the
+/// debug information.
 fn code(program: &Path) -> BTreeMap<String, u64> {
     let table = run(Command::new("objdump").arg("--dwarf=decodedline").arg(program)).stdout;
     let (mut code, mut file, mut last) = (BTreeMap::new(), None, None);
@@ -79,19 +83,19 @@ fn code(program: &Path) -> BTreeMap<String, u64> {
 }
 
 impl Build {
-    /// Whether it has a function of this name in `nerf_core`; both of Rust's manglings write the name's length
-    /// in front of it.
+    /// Returns whether the program has a function of this name in `nerf_core`. Both of Rust's mangling schemes write
+    /// the length of the name in front of the name.
     fn has(&self, function: &str) -> bool {
         let mangled = format!("{}{function}", function.len());
         self.symbols.lines().any(|line| line.contains("nerf_core") && line.contains(&mangled))
     }
 
-    /// Bytes of machine code from these files, with an ending of their names.
+    /// Returns the size of the machine code from these files, bytes; `ending` is appended to the file names.
     fn code_of(&self, files: &[&str], ending: &str) -> u64 {
         files.iter().filter_map(|file| self.code.get(&format!("{file}{ending}"))).sum()
     }
 
-    /// The lines of one effect, by kernel.
+    /// Returns the lines of one effect, each with its kernel.
     fn of(&self, effect: &str) -> Vec<(&str, &str)> {
         let lines = self.lines.iter().filter(|((_, name), _)| name == effect);
         lines.map(|((kernel, _), line)| (kernel.as_str(), line.as_str())).collect()
@@ -134,7 +138,7 @@ fn a_build_without_an_effect_has_none_of_its_code_and_draws_the_same_bits() {
     parts.for_each(|part| compare(part, &none, &all, &scene));
 }
 
-/// Compares a build with some effects to those with none and with all.
+/// Compares a build with some effects to a build without effects and to a build with all effects.
 fn compare(part: &[(&str, &[&str], &[&str])], none: &Build, all: &Build, scene: &Path) {
     let names: Vec<&str> = part.iter().map(|(feature, ..)| *feature).collect();
     let names = names.join(",");

@@ -1,5 +1,5 @@
-//! Kernels touch what they were given and nothing beside it, with any instructions: their slices end, or begin, at a page that
-//! nobody may touch. (That such a page works is shown in `tests/tests/abi/fences.rs`.)
+//! Kernels access only the memory that they are given, with every instruction set: their slices begin or end at a page
+//! that cannot be accessed. (`tests/tests/abi/fences.rs` shows that such a page works.)
 
 use nerf_core::blob::Blob;
 use nerf_core::encoding::{
@@ -22,7 +22,7 @@ use nerf_tests::scenes::{Recipe, camera, f16_bits, kernels};
 const BACKENDS: [MathBackend; 4] =
     [MathBackend::Polynomial, MathBackend::Libm, MathBackend::Micromath, MathBackend::Recurrence];
 
-/// The same in f16: powers of two, of either sign.
+/// Returns `n` f16 values, little-endian bytes: powers of two with random signs.
 fn halves(n: usize, seed: u32) -> Vec<u8> {
     let bits = |x: f32| if x < 0.0 { 0xb800u16 } else { 0x3400 };
     noise(n, seed).into_iter().flat_map(|x| bits(x).to_le_bytes()).collect()
@@ -32,12 +32,12 @@ fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|x| x.to_bits()).collect()
 }
 
-/// The instruction sets of this machine.
+/// Returns the instruction sets of this machine.
 fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
-/// `values`, and as many NaNs behind them as no isa may see.
+/// Returns `values` followed by 64 NaNs, which no instruction set may read.
 fn roomy(values: &[f32]) -> Vec<f32> {
     [values, &[f32::NAN; 64]].concat()
 }
@@ -259,7 +259,8 @@ fn grids_read_no_further_than_their_last_entry() {
     }
 }
 
-/// Everything the Rust renderer says of a blob, its bytes, weights, workspace and answers lying where `flush` says.
+/// Returns all results of the Rust renderer for a scene file. The file, the weights and the workspace lie where `flush`
+/// says.
 fn answers(bytes: &[u8], kernel: Kernel, batch: Batch, flush: Flush) -> Vec<u32> {
     let bytes = Fenced::of(bytes, flush);
     let blob = Blob::open(&bytes).expect("a blob");
@@ -329,8 +330,8 @@ fn frames_queries_and_pictures_stay_between_the_fences() {
     }
 }
 
-/// Densities and colours of a block, by a network whose weights and rows lie where `flush` says, not a line longer
-/// than they are asked for.
+/// Evaluates densities and colours of a block of points with a network. Weights and rows have exactly the required
+/// sizes and lie where `flush` says.
 fn evaluated(blob: &Blob<'_>, kernel: Kernel, stride: usize, flush: Flush) -> Vec<u32> {
     let math = MathBackend::Polynomial;
     let file = Fenced::of(blob.weights(), flush);

@@ -1,4 +1,5 @@
-//! What the format allows most of: 4,096 samples a ray, 16 layers of 512, with every kernel; and one more than that.
+//! Limits of the file format: 4,096 samples per ray and 16 layers of 512 units work with every kernel; anything larger
+//! is refused.
 
 use crate::blob_damage::fix_checksum;
 use nerf_core::Kernel;
@@ -17,11 +18,11 @@ use nerf_tests::oracle::{sampling, volume};
 use nerf_tests::scenes::{Recipe, camera, kernels};
 use nerf_tests::tools;
 
-/// r, g, b, opacity.
+/// Colour and opacity of a pixel: r, g, b, opacity.
 type Found = [f32; 4];
 
-/// Every kernel's picture of `samples` samples a ray, in memory of exactly the sizes that were asked for; a line less is
-/// refused.
+/// Renders an image with every kernel and `samples` samples per ray, in memory of exactly the required sizes. Verifies
+/// that one line less is refused.
 fn pictures(bytes: &[u8], samples: u16, camera: &Camera) -> Vec<(Kernel, Vec<Found>)> {
     let blob = Blob::open(bytes).expect("a blob");
     let quality = Quality { samples, ..Quality::EXACT };
@@ -53,7 +54,8 @@ fn pictures(bytes: &[u8], samples: u16, camera: &Camera) -> Vec<(Kernel, Vec<Fou
     kernels().map(draw).collect()
 }
 
-/// The f64 oracle's pixel: of the camera's ray, and of the points that f32 makes of its samples.
+/// Returns the f64 oracle's result for a pixel. The oracle evaluates the camera's ray at the sample points that f32
+/// arithmetic gives.
 fn oracle(bytes: &[u8], samples: u16, camera: &Camera, x: u32, y: u32) -> [f64; 4] {
     let blob = Blob::open(bytes).expect("a blob");
     let scene = blob.scene().expect("a scene");
@@ -80,7 +82,7 @@ fn oracle(bytes: &[u8], samples: u16, camera: &Camera, x: u32, y: u32) -> [f64; 
     [pixel.rgb[0], pixel.rgb[1], pixel.rgb[2], pixel.opacity]
 }
 
-/// Compares every kernel with the one that reads in place and with the oracle, whose pixels are those of the list.
+/// Compares the images of every kernel with the portable kernel's image and, at `pixels`, with the oracle.
 fn compare(
     bytes: &[u8],
     samples: u16,
@@ -129,7 +131,7 @@ fn rays_of_4096_samples_are_the_oracle_s_with_every_kernel() {
     );
 }
 
-/// 16 layers of 512, the last of which takes the position again.
+/// Scene of 16 layers of 512 units, the last of which also takes the encoded position.
 const LARGEST: Recipe =
     Recipe { trunk: (MAX_TRUNK, MAX_WIDTH as u16), skip: true, seed: 31, ..Recipe::PLAIN };
 

@@ -1,4 +1,4 @@
-//! Laws that span the crates: what a picture depends on, what a blob must be, what the f64 oracle itself is checked by.
+//! Laws that span the crates: what an image may depend on, which scene files are valid, and checks of the f64 oracle.
 
 mod blob_damage;
 mod blob_header;
@@ -14,8 +14,8 @@ mod words;
 
 use proptest::test_runner::{Config, RngSeed};
 
-/// `cases` inputs that proptest draws: always the same, so that a run here is a run in CI. `PROPTEST_CASES` asks for
-/// another number of them.
+/// Configures proptest to draw `cases` inputs, or `PROPTEST_CASES` if set. The inputs are the same in every run, so
+/// that a local run equals a run in CI.
 fn drawn(cases: u32) -> Config {
     let asked = std::env::var("PROPTEST_CASES").ok().map(|asked| asked.parse().expect("a number of cases"));
     let cases = asked.unwrap_or(cases);

@@ -1,4 +1,5 @@
-//! The f64 oracle against numbers from elsewhere: worked out by hand, the CS180 course's, the original code's.
+//! Checks of the f64 oracle against numbers from elsewhere: worked out by hand, from the CS180 course, and from the
+//! original code.
 
 use nerf_tests::error::worse;
 use nerf_tests::oracle::encoding::{encode, sin_cos_pi};
@@ -159,7 +160,8 @@ fn volume_rendering_is_the_course_s_to_four_decimals() {
     }
 }
 
-/// The original authors' network, in nerf-pytorch's names; its skip layer takes `[PE(x), h]`, ours `[h, PE(x)]`.
+/// Reads the original authors' network, with nerf-pytorch's names. Its skip layer takes `[PE(x), h]`; the oracle's
+/// takes `[h, PE(x)]`.
 fn original(file: &Path) -> Network {
     let mut archive = archive(file);
     let mut dense = |name: &str| {

@@ -1,4 +1,4 @@
-//! Results depend on the scene and the request, on nothing else.
+//! Results depend only on the scene and the request.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -12,7 +12,7 @@ use nerf_tests::error::worst_of;
 use nerf_tests::scenes::{Recipe, camera, kernels};
 
 const SIDE: u32 = 20;
-/// The cuts a picture is checked under: the default's, none, and ones that drop a lot.
+/// Pairs of transmittance cut and colour cut of the tested images: the defaults, none, and large cuts.
 const CUTS: [(f32, f32); 4] =
     [(Quality::TRANSMITTANCE_CUT, Quality::COLOUR_CUT), (0.0, 0.0), (0.0, 0.05), (0.3, 0.1)];
 const RECIPES: [(&str, Recipe); 6] = [
@@ -28,13 +28,13 @@ fn full() -> Rect {
     Rect { x: 0, y: 0, width: SIDE, height: SIDE }
 }
 
-/// A pixel's numbers: r, g, b, opacity, ray_distance, z_depth.
+/// Returns the values of a pixel: r, g, b, opacity, ray_distance, z_depth.
 fn numbers(pixel: &Pixel) -> [f32; 6] {
     let [r, g, b] = pixel.rgb;
     [r, g, b, pixel.opacity, pixel.ray_distance, pixel.z_depth]
 }
 
-/// The picture, tile by tile of `tile` pixels.
+/// Renders an image in tiles of `tile` pixels.
 fn picture(
     blob: &[u8],
     kernel: Kernel,
@@ -299,7 +299,7 @@ fn maths_backends_agree_in_a_picture() {
     }
 }
 
-/// A 2D field drawn in `size`, tile by tile of `tile` pixels, by `threads` threads.
+/// Renders a 2D field at `size` pixels, in tiles of `tile` pixels, on `threads` threads.
 fn field(
     renderer: &Renderer<'_>,
     batch: Batch,

@@ -1,16 +1,17 @@
-//! The rooms of the core, read as sources: no circle between the files of a room, and each type in one file.
+//! Module structure of the core, read from its sources: no cycle between the files of a folder (room), and each type in
+//! one file.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
-/// Circles that are still there.
+/// Cycles between the files of a room that are allowed.
 const CIRCLES: [&str; 2] = [
     "host: {\"request\", \"scene\"}",
     // A renderer makes workers, and several of them make one.
     "render: {\"instances\", \"renderer\", \"worker\"}",
 ];
-/// Types with an `impl` in another file than their own, and that file.
+/// Types that have an `impl` outside of their own file, each with the file of this `impl`.
 const SPLIT: [(&str, &str); 3] =
     [("Lens", "camera/lens/fisheye"), ("Lens", "camera/lens/model"), ("Network", "network/gradient")];
 
@@ -20,7 +21,8 @@ struct Source {
     text: String,
 }
 
-/// The module of a file; a `_off` twin has the place of its other, and `mod.rs` that of its folder.
+/// Returns the module path of a file. A `_off` file has the path of the file it replaces, and `mod.rs` has the path of
+/// its folder.
 fn module_of(file: &Path) -> Vec<String> {
     let parts = file.with_extension("");
     let parts = parts.iter().map(|part| part.to_str().expect("UTF-8").trim_end_matches("_off"));
@@ -55,7 +57,7 @@ fn core() -> Vec<Source> {
     found
 }
 
-/// The paths that a use tree names, from `front` on.
+/// Appends to `found` the paths that a use tree names; each begins with `front`.
 fn expand(front: &str, tree: &str, found: &mut Vec<String>) {
     let tree = tree.trim();
     let Some((path, inner)) = tree.split_once('{') else {
@@ -80,7 +82,7 @@ fn expand(front: &str, tree: &str, found: &mut Vec<String>) {
     }
 }
 
-/// The paths that a text names: of its `use`s, and those that begin with `crate::` or `super::` elsewhere.
+/// Returns the paths in a text: those of its `use` items, and all others that begin with `crate::` or `super::`.
 fn paths(text: &str) -> Vec<String> {
     let mut found = Vec::new();
     for tree in text.split("use ").skip(1) {
@@ -96,7 +98,7 @@ fn paths(text: &str) -> Vec<String> {
     found
 }
 
-/// A path from the crate's root, as a module of that place names it; `None` of another crate's.
+/// Converts a path, as written in `module`, to a path from the crate's root; `None` for a path of another crate.
 fn from_root(module: &[String], path: &str) -> Option<Vec<String>> {
     let (mut at, mut own) = (module.to_vec(), false);
     let mut parts = path.split("::").map(str::trim).filter(|part| !part.is_empty()).peekable();
@@ -114,7 +116,8 @@ fn from_root(module: &[String], path: &str) -> Option<Vec<String>> {
     own.then_some(at)
 }
 
-/// Which file of its folder each name comes from that a `mod.rs` hands on: by folder and name.
+/// Returns the names that each `mod.rs` re-exports: a map from folder and name to the file of the folder that defines
+/// the name.
 fn handed_on(sources: &[Source]) -> BTreeMap<Vec<String>, String> {
     let mut names = BTreeMap::new();
     for Source { module, text } in sources {

@@ -1,4 +1,4 @@
-//! Every size that is asked for, against arithmetic that cannot overflow.
+//! Sizes that the core computes, compared with arithmetic that cannot overflow.
 
 use nerf_core::Kernel;
 use nerf_core::blob::{Blob, StoredOccupancy};
@@ -15,7 +15,7 @@ use nerf_core::volume::Pixel;
 use nerf_tests::scenes::{Recipe, camera, kernels};
 use proptest::prelude::*;
 
-/// Networks of every shape that the caps allow, the largest among them.
+/// Draws networks of all shapes within the format's limits, the largest included.
 fn architectures() -> impl Strategy<Value = Architecture> {
     let width = || prop_oneof![1u16..=MAX_WIDTH as u16, Just(1), Just(MAX_WIDTH as u16)];
     let encoding = |inputs| {
@@ -44,12 +44,12 @@ fn architectures() -> impl Strategy<Value = Architecture> {
     )
 }
 
-/// What the format's rules make of an encoding.
+/// Returns the number of values that an encoding has by the rules of the format.
 fn encoded(e: &SinusoidalEncoding) -> u128 {
     u128::from(e.inputs) * (2 * u128::from(e.levels) + u128::from(e.identity))
 }
 
-/// Inputs and outputs of each layer, in the order of their parameters.
+/// Returns the numbers of inputs and outputs of each layer, in the order of their parameters.
 fn layers(a: &Architecture) -> Vec<(u128, u128)> {
     let (mut layers, mut width) = (vec![], encoded(a.position.sinusoidal().expect("no grid")));
     for layer in &a.trunk {
@@ -118,7 +118,7 @@ fn saturated_sizes_can_be_added() {
     assert!(lines_for::<[u8; 256]>(usize::MAX) > isize::MAX as usize / size_of::<Line>());
 }
 
-/// Scenes that have every slice of a workspace between them.
+/// Returns scenes that together use every slice of a workspace.
 fn recipes() -> [Recipe; 9] {
     [
         Recipe::LEARNED,

@@ -1,11 +1,11 @@
-//! The words of comments: a doc comment names its thing first, in the field's terms.
+//! Wording of comments: a doc comment begins with its subject and uses the terms of the field.
 
 use std::fs::read_to_string;
 use std::path::{Path, PathBuf};
 
-/// First words that refer to something the reader has not met.
+/// Words that refer to something else, and thus must not begin a comment.
 const REFERRING: [&str; 9] = ["It", "That", "Those", "They", "Them", "Theirs", "Such", "So", "Both"];
-/// Words of our own, each with the field's.
+/// Private terms that comments must not use, each with the term of the field.
 const OWN: [(&str, &str); 12] = [
     ("as theirs", "say what holds"),
     ("both of them", "name both"),
@@ -34,7 +34,7 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// The text of a line's comment, if it is one, and whether it documents an item.
+/// Returns the text of a line that is a comment, and whether the comment documents an item; `None` for any other line.
 fn comment(line: &str) -> Option<(&str, bool)> {
     let text = line.trim_start().strip_prefix("//")?;
     let documents = text.strip_prefix(['/', '!']);

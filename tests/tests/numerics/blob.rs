@@ -1,11 +1,11 @@
-//! Blobs of networks that a case makes itself.
+//! Scene files of networks that a case makes itself.
 
 use nerf_core::blob::{
     Body, Content, ParetoFront, Provenance, SceneFacts, SceneSampling, encoded_len, write,
 };
 use nerf_core::network::Architecture;
 
-/// The box of [`body`], and what its rays are.
+/// Box, sampling and background of [`body`].
 pub const SCENE: SceneFacts = SceneFacts {
     min: [-1.0; 3],
     max: [1.0; 3],
@@ -17,7 +17,7 @@ pub const SCENE: SceneFacts = SceneFacts {
     viewpoint: None,
 };
 
-/// A scene without occupancy grid and proposal.
+/// Returns a scene without occupancy grid and proposal network.
 pub fn body<'a>(architecture: Architecture, weights: &'a [u8]) -> Body<'a> {
     Body {
         content: Content::Scene(SCENE),
@@ -31,7 +31,7 @@ pub fn body<'a>(architecture: Architecture, weights: &'a [u8]) -> Body<'a> {
     }
 }
 
-/// Its bytes.
+/// Returns the scene file of [`body`].
 pub fn bytes(architecture: &Architecture, weights: &[u8]) -> Vec<u8> {
     let body = body(architecture.clone(), weights);
     let mut blob = vec![0; encoded_len(&body).expect("a valid body")];
@@ -39,7 +39,8 @@ pub fn bytes(architecture: &Architecture, weights: &[u8]) -> Vec<u8> {
     blob
 }
 
-/// Little-endian f16 of what one value makes of each parameter's place: layer, row and column, or row and the bias.
+/// Returns parameters as little-endian f16. `value` gives the bits of each from its layer, row and column; without a
+/// column, of the row's bias.
 pub fn weights(shape: &Architecture, value: impl Fn(usize, usize, Option<usize>) -> u16) -> Vec<u8> {
     let mut all = Vec::new();
     for (index, layer) in shape.layers().iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Cameras and lenses against the oracle.
+//! Errors of cameras and lenses against the oracle.
 
 use crate::geometry::somewhere;
 use crate::table::{Row, Worst, cases};
@@ -17,7 +17,7 @@ cases! {
     sound_lenses_are_taken: "share of 2,000 radial lenses refused that only bend on the way to the corner" => sound;
 }
 
-/// Cameras of every shape that look from somewhere to somewhere else.
+/// Returns cameras with images of every shape and with random poses.
 fn cameras(state: &mut u64) -> Vec<Camera> {
     let shapes = [(1, 1), (1, 65_535), (65_535, 1), (640, 480), (65_535, 65_535), (3, 2)];
     let camera = |(i, (width, height)): (usize, (u32, u32))| {
@@ -95,7 +95,7 @@ fn lenses() -> Vec<Row> {
     vec![worst.row("any", "any", 1.5e-6)]
 }
 
-/// Poses near to rotations and far from them: each is refused exactly if f64 says so.
+/// Compares which poses are accepted with a decision in f64, for poses close to and far from rotations.
 fn poses() -> Vec<Row> {
     let (mut wrong, mut accepted, mut at) = (0, 0, String::new());
     let mut state = 19;
@@ -135,7 +135,7 @@ fn poses() -> Vec<Row> {
     vec![Worst { error: f64::from(wrong) / total as f64, at }.row("any", "any", 0.0)]
 }
 
-/// The largest entry of |RtR - I|, and R's determinant.
+/// Returns the largest entry of |RᵀR − I|, and the determinant of R.
 fn from_rotation(rotation: &Mat3) -> (f64, f64) {
     let c = rotation.to_cols_array_2d().map(|column| column.map(f64::from));
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -146,7 +146,8 @@ fn from_rotation(rotation: &Mat3) -> (f64, f64) {
     (worst_of(entries), dot(cross(c[0], c[1]), c[2]))
 }
 
-/// Where OpenCV's model shows the ideal point `(u, v)`, and the determinant of its derivative there.
+/// Returns the image point of the ideal point `(u, v)` in OpenCV's model, and the determinant of the model's
+/// derivative.
 fn seen_at(lens: &Lens, u: f64, v: f64) -> ([f64; 2], f64) {
     let [k1, k2, p1, p2] = [lens.k1, lens.k2, lens.p1, lens.p2].map(f64::from);
     let r2 = u * u + v * v;
@@ -161,7 +162,8 @@ fn seen_at(lens: &Lens, u: f64, v: f64) -> ([f64; 2], f64) {
     (seen, right * down - cross * cross)
 }
 
-/// Lenses from none to absurd, before images of every shape; what each accepted camera's pixels see.
+/// Calls `see` for random image points of cameras with lenses from none to extreme and images of every shape, if the
+/// camera is accepted. `see` receives the camera, the distorted point and the undistorted point.
 fn each_lens(mut see: impl FnMut(&Camera, [f64; 2], [f64; 2])) {
     let (mut state, mut accepted) = (23, 0);
     let lenses = 3_000;
@@ -207,7 +209,8 @@ fn extreme() -> Vec<Row> {
     vec![worst.row("any", "any", 2.5e-6)]
 }
 
-/// A way from the axis to what a pixel sees on which the model turns back: some direction is seen twice.
+/// Measures the share of pixels behind a fold: the model turns back on the line from the axis to the pixel's direction,
+/// so that some direction is visible twice.
 fn folds() -> Vec<Row> {
     let (mut behind, mut all, mut at) = (0, 0, String::new());
     each_lens(|camera, wanted, ideal| {
@@ -230,7 +233,8 @@ fn folds() -> Vec<Row> {
     vec![Worst { error: f64::from(behind) / f64::from(all), at }.row("any", "any", 0.0)]
 }
 
-/// Lenses without a tangential part whose slope stays above 0.05 up to the corner, and up to where it is seen.
+/// Measures the share of valid lenses that are refused: without tangential distortion, with a slope above 0.05 up to
+/// the corner and up to the corner's distorted radius.
 fn sound() -> Vec<Row> {
     let (mut state, mut all, mut refused, mut at) = (29, 0, 0, String::new());
     while all < 2_000 {

@@ -1,4 +1,4 @@
-//! Unbounded space, contracted, against the oracle.
+//! Errors of the contraction of unbounded space against the oracle.
 
 use crate::geometry::somewhere;
 use crate::table::{Row, Worst, cases, isas};
@@ -17,7 +17,7 @@ cases! {
     steps_stretch_as_their_distances_do: "relative error of the length of a step beside that in the ball, up to 100 radii away" => stretched;
 }
 
-/// Balls near and far from the origin, small and large.
+/// Returns contractions with small and large balls, near and far from the origin.
 fn contractions(power: u8) -> impl Iterator<Item = Contraction> {
     let balls = [
         (Vec3::ZERO, 1.0),
@@ -35,7 +35,7 @@ fn wide(p: Vec3) -> [f64; 3] {
     p.to_array().map(f64::from)
 }
 
-/// Of the definition, at the centre and radius that were found.
+/// Returns the oracle's contraction of `p`, with the centre and radius of `c`.
 fn truth(c: &Contraction, p: Vec3) -> [f64; 3] {
     oracle::contract(wide(c.centre()), f64::from(c.radius()), wide(p))
 }
@@ -44,18 +44,18 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f64>().sqrt()
 }
 
-/// In words.
+/// Returns a description of a contraction in words.
 fn named(c: &Contraction) -> String {
     let [x, y, z] = c.centre().to_array();
     format!("a ball of radius {} around ({x}, {y}, {z}), power {}", c.radius(), c.power())
 }
 
-/// The largest coordinate that is met.
+/// Returns the largest coordinate of the contraction's box.
 fn largest(c: &Contraction) -> f64 {
     f64::from(c.centre().abs().max_element() + 2.0 * c.radius())
 }
 
-/// Points at distances of 1e-3 to 1e6 radii, and just inside and outside of the ball.
+/// Returns points at distances of 1e-3 to 1e6 radii, and just inside and outside of the ball.
 fn points(c: &Contraction) -> Vec<Vec3> {
     let mut state = 23;
     let rim = [1.0f32.next_down(), 1.0, 1.0f32.next_up()];
@@ -67,7 +67,7 @@ fn points(c: &Contraction) -> Vec<Vec3> {
     (0..9_600).map(point).collect()
 }
 
-/// Points of the world and steps, contracted by vectors.
+/// Operation that contracts 16 world points and converts 16 steps to distances, in vectors.
 struct Vectors<'a>(&'a Contraction, &'a [[f32; 16]; 4]);
 
 impl Op for Vectors<'_> {
@@ -87,7 +87,7 @@ impl Op for Vectors<'_> {
     }
 }
 
-/// Sixteen points and steps at a time, with what each became.
+/// Contracts points and steps, sixteen at a time; calls `see` with each point and step and their results.
 fn each(isa: Isa, c: &Contraction, steps: &[f32], mut see: impl FnMut(Vec3, Vec3, f32, f32)) {
     let points = points(c);
     for (index, block) in points.chunks_exact(16).enumerate() {
@@ -129,7 +129,7 @@ fn undone() -> Vec<Row> {
     vec![worst.row("any", "any", 2.4e-7)]
 }
 
-/// Steps of both signs, up to near the end.
+/// Returns steps of both signs, up to near the last valid one.
 fn steps_of(power: u8) -> Vec<f32> {
     (-2_000..=2_000).map(|i| i as f32 / 2_000.0 * (1.0 + 0.98 * f32::from(power))).collect()
 }

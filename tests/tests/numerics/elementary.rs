@@ -1,4 +1,4 @@
-//! Every f32 of each function's domain (or every 1,009th), by each backend, with every kernel.
+//! Errors of elementary functions at every f32 of their domain, or every 1,009th, with every backend and kernel.
 
 use crate::table::{BACKENDS, Row, Worst, cases, isas};
 use nerf_core::math::{Elementary, MathBackend};
@@ -26,12 +26,12 @@ cases! {
         || sweep(Elementary::Sigmoid, f32::MAX, sigmoid, absolute, [1.2e-7, 1.2e-7, 1e-3]);
 }
 
-/// Whether every f32 is asked for.
+/// Returns whether every f32 is tested: `NERF_EXHAUSTIVE` is set.
 pub fn exhaustive() -> bool {
     std::env::var_os("NERF_EXHAUSTIVE").is_some()
 }
 
-/// As in transmittance, where it may be off by as much as `expm1`.
+/// Returns `e^-x` with a clamped argument, as transmittance needs it; its error may be as large as that of `expm1`.
 fn decay(x: f64) -> f64 {
     (-x).clamp(-87.0, 88.0).exp()
 }
@@ -48,10 +48,10 @@ fn relative_above_one(found: f64, truth: f64) -> f64 {
     (found - truth).abs() / truth.abs().max(1.0)
 }
 
-/// Values that go through a backend together.
+/// Number of values that are passed to a backend together, of each sign.
 const CHUNK: usize = 4096;
 
-/// Every `step`-th f32 up to `limit`, either sign; the largest itself among them.
+/// Measures a function at every `step`-th f32 up to `limit`, of either sign, and at `limit` itself.
 fn sweep(
     function: Elementary,
     limit: f32,

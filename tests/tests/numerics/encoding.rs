@@ -1,4 +1,4 @@
-//! The encoding at every level, with every kernel, by every backend.
+//! Errors of the positional encoding at every level, with every kernel and maths backend.
 
 mod domain;
 mod grid;
@@ -11,7 +11,7 @@ use nerf_core::encoding::{AngleScale, SinusoidalEncoding, encode_block};
 use nerf_tests::noise::share;
 use nerf_tests::oracle;
 
-/// Three roundings of the largest angle among [`least`], 2^15 π 2^-126; cosines are 1.
+/// Bound: three roundings of the largest angle among [`least`], 2^15 π 2^-126; cosines are 1.
 const TINY: f64 = 2.2e-40;
 
 cases! {
@@ -29,7 +29,8 @@ cases! {
         || levels(AngleScale::One, 16, &least(), [TINY, TINY, 3e-33, TINY]);
 }
 
-/// Values that hurt: ±0, subnormals, multiples of 2^-k and their neighbours, decades, and noise.
+/// Returns difficult coordinates up to `limit`: ±0, subnormals, multiples of 2^-k and their neighbours, powers of ten,
+/// and noise.
 fn hard(limit: f32) -> Vec<f32> {
     let mut all = vec![0.0, 1e-45, 1e-40, f32::MIN_POSITIVE, 1.0, 0.5f32.next_up(), 1.0 / 3.0, limit];
     for k in 0..=18 {
@@ -53,13 +54,13 @@ fn hard(limit: f32) -> Vec<f32> {
     all
 }
 
-/// `n 2^-k`, which is a multiple of a quarter turn from some level on.
+/// Returns values `n 2^-k`; their angles are multiples of a quarter turn from some level on.
 fn multiples() -> Vec<f32> {
     let all = (0..=18).flat_map(|k| (0..64).map(move |n| n as f32 * 0.5f32.powi(k)));
     all.flat_map(|x| [x, -x]).collect()
 }
 
-/// ±0 and what is next to nothing: 2^15 π times it is less than an ulp of 1 can show.
+/// Returns ±0 and subnormals so small that their product with 2^15 π is below the rounding of 1.
 fn least() -> Vec<f32> {
     let all = (0..32).map(|i| f32::from_bits(if i == 0 { 0 } else { (1 << (i % 24)) | (i * 7 % 16) }));
     all.flat_map(|x| [x, -x]).collect()

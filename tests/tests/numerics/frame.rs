@@ -1,5 +1,5 @@
-//! Whole rays, from a sample's point to the pixel, against the oracle's network and sums: rays, points and widths of
-//! bins are the renderer's own, and have cases of their own; and networks that leave the numbers on the way.
+//! Errors of whole rays, from the sample points to the pixel, against the oracle's network and sums, also for networks
+//! whose values overflow. Rays, sample points and widths of bins are the renderer's own; these have cases of their own.
 
 mod faint;
 mod hostile;
@@ -35,15 +35,16 @@ cases! {
     frames_are_the_sums_of_what_a_query_says: "absolute error of colour and opacity" => sums;
 }
 
-/// Image of the cases, pixels.
+/// Image width and height of the cases, pixels.
 const SIZE: [u32; 2] = [13, 11];
 
-/// What each backend's colours, distances and medians may err by: four to nine times what was seen. Added up along a
-/// ray, what the network's own cases allow a sample would be a hundred times as much: errors of either sign cancel.
+/// Bounds of the errors of colours, distances and medians with each backend: four to nine times the observed errors.
+/// The sum along a ray of the errors that the network's cases allow would be a hundred times larger, but errors of
+/// either sign cancel.
 const BOUNDS: [[f64; 3]; 4] =
     [[2e-6, 5e-7, 2e-5], [2e-6, 5e-7, 2e-5], [5e-3, 1e-3, 2e-2], [4e-5, 5e-6, 8e-5]];
 
-/// A scene and its rays: of each pixel, the live samples' distances along it.
+/// A scene, its camera and its bins.
 struct Scene {
     bytes: Vec<u8>,
     camera: Camera,
@@ -52,7 +53,7 @@ struct Scene {
     far: f64,
 }
 
-/// One ray's samples: sigma, rgb and t; and the cosine between ray and view axis.
+/// Samples of one ray: sigma, rgb and t. `cosine`: cosine of the angle between ray and view axis.
 struct Samples {
     sigma: Vec<f64>,
     rgb: Vec<[f64; 3]>,
@@ -74,8 +75,9 @@ impl Scene {
         (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [x, y]))
     }
 
-    /// The points of a pixel's ray that are asked for, with their t and the ray's direction. They are the
-    /// renderer's own, in f32: what rounding a point costs is a matter of the scene's finest wave.
+    /// Returns the sample points of a pixel's ray inside the box: distances t, positions, and the ray's direction. The
+    /// points are the renderer's own, in f32, since the effect of rounding a point depends on the highest frequency of
+    /// the scene.
     fn points(&self, [x, y]: [u32; 2]) -> (Vec<f32>, Vec<[f32; 3]>, [f32; 3]) {
         let blob = Blob::open(&self.bytes).expect("a blob");
         let bounds: SceneBox = blob.scene_box().expect("a box");
@@ -86,7 +88,7 @@ impl Scene {
         (t, points, ray.dir.to_array())
     }
 
-    /// The cosine between a ray and the view axis, the pose's -z.
+    /// Returns the cosine of the angle between a ray and the view axis, the pose's −z.
     fn cosine(&self, dir: [f32; 3]) -> f64 {
         let rows = self.camera.pose().to_rows();
         let (axis, dir) = ([0, 1, 2].map(|row| -f64::from(rows[row][2])), dir.map(f64::from));
@@ -94,13 +96,13 @@ impl Scene {
         dot(axis, dir) / (dot(axis, axis) * dot(dir, dir)).sqrt()
     }
 
-    /// The oracle's pixel of samples.
+    /// Returns the oracle's pixel of a ray's samples.
     fn composite(&self, samples: &Samples) -> oracle::volume::Pixel {
         let delta = vec![f64::from(self.bins.delta()); samples.t.len()];
         oracle::volume::composite(&samples.sigma, &samples.rgb, &samples.t, &delta, self.background)
     }
 
-    /// What a network in f64 says of every pixel.
+    /// Returns a scene, and the samples of all pixels from the oracle's f64 network.
     fn truth() -> &'static (Self, Vec<Samples>) {
         static TRUTH: OnceLock<(Scene, Vec<Samples>)> = OnceLock::new();
         TRUTH.get_or_init(|| {
@@ -132,7 +134,7 @@ impl Scene {
         })
     }
 
-    /// The frame of one kernel and backend.
+    /// Renders the scene with one kernel and backend.
     fn frame(&self, kernel: Kernel, math: MathBackend, outputs: Outputs) -> (Vec<Pixel>, Counters) {
         frame(&self.bytes, &self.camera, kernel, math, 0, outputs)
     }
@@ -177,7 +179,7 @@ impl Scene {
     }
 }
 
-/// A frame of a blob, every sample of it; `samples` a ray, or 0 for the scene's.
+/// Renders a scene file with the exact quality. `samples`: samples per ray, or 0 for the scene's own number.
 fn frame(
     bytes: &[u8],
     camera: &Camera,
@@ -200,7 +202,7 @@ fn frame(
     (pixels, counters)
 }
 
-/// A medium of one density: opacity is `1 − exp(−sigma delta n)` behind n samples.
+/// Measures media of one density: opacity behind n samples is `1 − exp(−sigma delta n)`.
 fn medium() -> Vec<Row> {
     const SAMPLES: u16 = 4096;
     let shape = Architecture {
@@ -237,10 +239,10 @@ fn medium() -> Vec<Row> {
     BACKENDS.iter().map(row).collect()
 }
 
-/// Everything but normals, which the gradient's cases have.
+/// All outputs except normals, which the gradient's cases test.
 const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
 
-/// The errors of one of the three outputs of [`BOUNDS`].
+/// Measures the errors of one of the three outputs of [`BOUNDS`].
 fn whole(measure: fn(&Scene, &Samples, &Pixel) -> f64, output: usize) -> Vec<Row> {
     let (scene, rays) = Scene::truth();
     let row = |(&(name, math), bounds): (&(&'static str, MathBackend), [f64; 3])| {
@@ -256,8 +258,8 @@ fn whole(measure: fn(&Scene, &Samples, &Pixel) -> f64, output: usize) -> Vec<Row
     BACKENDS.iter().zip(BOUNDS).map(row).collect()
 }
 
-/// With every kernel, the one that rounds among them: a frame is the oracle's sum of what the same network says of the
-/// same points.
+/// Measures, with every kernel (the rounding one included), the difference between a frame and the oracle's sum of the
+/// same network's results at the same points.
 fn sums() -> Vec<Row> {
     let (scene, _) = Scene::truth();
     let row = |&(name, math): &(&'static str, MathBackend)| {

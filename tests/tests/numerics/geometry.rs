@@ -1,4 +1,4 @@
-//! Rays and boxes against the oracle.
+//! Errors of the intersection of rays and boxes against the oracle.
 
 use crate::table::{Row, Worst, cases};
 use glam::Vec3;
@@ -13,12 +13,12 @@ cases! {
     numbers_of_every_size_in_a_ray: "error of t, relative to t itself; a hit where there is none is 1" => sizes;
 }
 
-/// A point of the cube of side 2 around the origin.
+/// Returns a random point of the cube of side 2 around the origin.
 pub fn somewhere(state: &mut u64) -> Vec3 {
     Vec3::from_array([0; 3].map(|_| signed_f64(state) as f32))
 }
 
-/// Origins and directions that hurt: on faces, edges and corners, parallel, along diagonals, from inside.
+/// Returns difficult rays: with origins on faces, edges and corners, parallel to faces, along diagonals, from inside.
 fn hard_rays() -> Vec<Ray> {
     let values = [-1.0f32, 1.0, 0.0, -0.0, 0.5, 1.0f32.next_up(), 1.0f32.next_down(), 4.0, 1e-38, 1e6];
     let dirs = [0.0f32, -0.0, 1.0, -1.0, 1e-30, 1e-7, 0.707_106_77];
@@ -42,7 +42,7 @@ fn hard_rays() -> Vec<Ray> {
     rays
 }
 
-/// A difference and a quotient, each off by half of a unit in the last place at most.
+/// Bound: the errors of a difference and a quotient, each at most half a unit in the last place.
 const ROUNDED_TWICE: f64 = 1.2e-7;
 
 fn unit_box() -> SceneBox {
@@ -57,7 +57,8 @@ fn boxes() -> Vec<Row> {
     vec![worst.row("any", "any", ROUNDED_TWICE)]
 }
 
-/// Numbers that break slab tests: nothing, the least, the largest, what is no number, and a box's faces.
+/// Numbers that break slab tests: zeros, the smallest and largest numbers, infinity, NaN, and coordinates of the box's
+/// faces.
 const NUMBERS: [f32; 15] = [
     0.0,
     -0.0,
@@ -76,7 +77,8 @@ const NUMBERS: [f32; 15] = [
     f32::NAN,
 ];
 
-/// Every triple of [`NUMBERS`] as origin, against many directions, and the other way round, in odd ranges.
+/// Measures rays whose origins and directions are triples of [`NUMBERS`], in unusual ranges: every triple as an origin,
+/// with 97 directions each.
 fn sizes() -> Vec<Row> {
     let n = NUMBERS.len();
     let triple = |i: usize| Vec3::new(NUMBERS[i % n], NUMBERS[i / n % n], NUMBERS[i / n / n % n]);

@@ -1,4 +1,5 @@
-//! Gradients of the density in space, as normals take them: against differences of the oracle's f64 network.
+//! Gradients of the density with respect to position, for normals, compared with finite differences of the oracle's f64
+//! network.
 
 use crate::table::{BACKENDS, Row, Worst, cases, exact_kernels};
 use nerf_core::Kernel;
@@ -19,10 +20,10 @@ cases! {
     gradients_where_no_unit_is_on: "components that are not 0" => dark;
 }
 
-/// Samples of a block.
+/// Number of samples in a block.
 const STRIDE: usize = 64;
 
-/// A network by its parts: parameters are f16 to the bit, so that f32 and f64 mean the same one.
+/// A network and its parts. Parameters are exact f16 values, so that f32 and f64 describe the same network.
 struct Case {
     name: &'static str,
     shape: Architecture,
@@ -30,7 +31,8 @@ struct Case {
     oracle: oracle::network::Network,
 }
 
-/// Identity or none, both scales, few and many levels, skips, both activations of the density.
+/// Returns networks with and without identity, with both angle scales, few and many levels, skip layers, and both
+/// density activations.
 fn shapes() -> Vec<(&'static str, Architecture)> {
     let shape = |levels, scale, identity, trunk: &[(u16, bool)], density| Architecture {
         position: SinusoidalEncoding { inputs: 3, levels, scale, identity }.into(),
@@ -53,7 +55,8 @@ fn shapes() -> Vec<(&'static str, Architecture)> {
 }
 
 impl Case {
-    /// Random weights; each layer's biases by `bias`, of the largest sum its inputs can make.
+    /// Makes a network with random weights. `bias` gives each bias from the largest value that the sum of the unit's
+    /// inputs can have.
     fn new(name: &'static str, shape: Architecture, bias: impl Fn(&mut u64, f32) -> f32) -> Self {
         let mut state = 77;
         let mut all = vec![0.0f32; shape.parameters()];
@@ -80,7 +83,7 @@ impl Case {
         Self { name, shape, bytes, oracle }
     }
 
-    /// What the terms of ∂raw/∂x add up to without their signs.
+    /// Returns the sum of the magnitudes of the terms of ∂raw/∂x, for each axis.
     fn terms(&self, x: &[f64]) -> [f64; 3] {
         let encoding = &self.oracle.position;
         let encoded = oracle::encoding::encode(x, encoding.levels, encoding.pi, encoding.identity);
@@ -122,7 +125,8 @@ impl Case {
         })
     }
 
-    /// ∂raw/∂x by differences, or `None` where a unit switches within their reach: there is no derivative then.
+    /// Returns ∂raw/∂x by finite differences; `None` if a ReLU switches within the differences, where no derivative
+    /// exists.
     fn truth(&self, x: &[f64; 3]) -> Option<[f64; 3]> {
         // A small part of the finest wave: what the fourth power of it leaves is 1e-13 of the slope.
         let step = 2f64.powi(-12 - i32::from(self.oracle.position.levels));
@@ -135,7 +139,8 @@ impl Case {
         smooth.then(|| std::array::from_fn(|axis| wide[axis]))
     }
 
-    /// How near a unit is to its switch, at the nearest: its sum over the sum of magnitudes.
+    /// Returns how close the nearest ReLU is to its switch: the magnitude of its input sum, divided by the sum of
+    /// magnitudes.
     fn doubt(&self, x: &[f64; 3]) -> f64 {
         let encoding = &self.oracle.position;
         let encoded = oracle::encoding::encode(x, encoding.levels, encoding.pi, encoding.identity);
@@ -154,8 +159,9 @@ impl Case {
         nearest
     }
 
-    /// What rounding may be, over [`Case::terms`] (Higham 2002, §3.1): of the longest way back through the layers, sums
-    /// and products, and in the encoding's derivative; and with `weights` rounded themselves, once a layer.
+    /// Returns the bound of rounding errors relative to [`Case::terms`] (Higham 2002, §3.1): of sums and products on
+    /// the longest path of the backward pass, and of the encoding's derivative. `weights`: relative rounding of the
+    /// weights, once per layer.
     fn roundings(&self, weights: f64) -> f64 {
         let layers = &self.oracle.trunk;
         let sums: usize = layers.iter().map(|(layer, skip)| layer.b.len() + 2 + usize::from(*skip)).sum();
@@ -163,7 +169,7 @@ impl Case {
         (sums + 3 * levels + 4) as f64 * 2f64.powi(-24) + (layers.len() + 1) as f64 * weights
     }
 
-    /// ∂raw/∂x of a block of points, `[3][STRIDE]`.
+    /// Computes ∂raw/∂x of a block of points, `[3][STRIDE]`, with a kernel.
     fn found(&self, kernel: Kernel, math: MathBackend, points: &[f32]) -> Vec<f32> {
         let mut memory = vec![0.0; self.shape.parameters()];
         let weights = Weights::prepare(&self.shape, kernel.storage, &self.bytes, &mut memory);
@@ -182,19 +188,19 @@ impl Case {
     }
 }
 
-/// The nearest f16 towards 0.
+/// Converts a number to the bits of an f16, rounded towards 0.
 fn half_bits(x: f32) -> u16 {
     let bits = x.to_bits();
     let (sign, exponent) = ((bits >> 16 & 0x8000) as u16, (bits >> 23 & 0xff) as i32 - 112);
     if exponent <= 0 { sign } else { sign | (exponent as u16) << 10 | (bits >> 13 & 0x3ff) as u16 }
 }
 
-/// The number of it.
+/// Rounds a number to an f16, towards 0.
 fn half(x: f32) -> f32 {
     f16(half_bits(x)) as f32
 }
 
-/// Points, among them ±0, subnormals and multiples of powers of two: `[3][STRIDE]`.
+/// Returns points that include ±0, subnormals and multiples of powers of two: `[3][STRIDE]`.
 fn points() -> Vec<f32> {
     let mut state = 11;
     let mut all: Vec<f32> = (0..3 * STRIDE).map(|_| signed(&mut state)).collect();
@@ -204,8 +210,8 @@ fn points() -> Vec<f32> {
     all
 }
 
-/// A case at the points where there is a derivative and no unit is nearer to its switch than `doubt`: the derivatives
-/// and the sums of their terms.
+/// A case and its reference values: derivatives and sums of term magnitudes per point. A point without a derivative, or
+/// where a ReLU is too close to its switch, has `None`.
 struct Known {
     case: Case,
     at: Vec<Option<([f64; 3], [f64; 3])>>,
@@ -228,7 +234,7 @@ fn known(bias: fn(&mut u64, f32) -> f32, doubt: f64) -> Vec<Known> {
     all.collect()
 }
 
-/// Worst errors over the terms' sum.
+/// Measures the errors of the gradient relative to the sum of term magnitudes.
 fn compare(cases: &[Known], kernel: Kernel, math: MathBackend, worst: &mut Worst) {
     let points = points();
     for Known { case, at } in cases {
@@ -245,15 +251,16 @@ fn compare(cases: &[Known], kernel: Kernel, math: MathBackend, worst: &mut Worst
     }
 }
 
-/// The largest error of a sine by each backend, of either scale up to 2^9 (the encoding's rows).
+/// Largest error of a sine with each backend, for both angle scales up to 2^9 (from the encoding's rows).
 const SINES: [f64; 4] = [1.2e-7, 4e-7, 1e-2, 1e-4];
 
-/// The bound of these cases where sines are off by so much and weights are rounded so.
+/// Returns the bound for these cases. `sine`: error of a sine. `weights`: relative rounding of weights.
 fn bound(cases: &[Known], sine: f64, weights: f64) -> f64 {
     sine + worst_of(cases.iter().map(|known| known.case.roundings(weights)))
 }
 
-/// Units switch where they like: micromath's sines and 8 bits leave none without doubt.
+/// Measures networks whose ReLUs switch anywhere. micromath's sines and bf16 weights are excluded: their errors make
+/// every ReLU doubtful.
 fn random() -> Vec<Row> {
     let bias = |state: &mut u64, _: f32| 0.1 + 0.1 * signed(state);
     let mut rows = Vec::new();
@@ -266,7 +273,7 @@ fn random() -> Vec<Row> {
     rows
 }
 
-/// Every unit is on everywhere, or off.
+/// Measures networks in which each unit is active at all points or at none.
 fn certain() -> Vec<Row> {
     let bias = |state: &mut u64, most: f32| (1.1 * most + 0.1) * (signed(state) + 0.25).signum();
     let cases = known(bias, 0.0);
@@ -284,7 +291,7 @@ fn certain() -> Vec<Row> {
     rows
 }
 
-/// No unit is on, and a sum that is exactly 0 is off too.
+/// Counts nonzero gradients of networks in which no unit is active. A unit whose sum is exactly 0 is not active.
 fn dark() -> Vec<Row> {
     let mut worst = Worst::default();
     for (name, shape) in shapes() {

@@ -1,4 +1,4 @@
-//! Hard cases, each with its tolerance: the tests behind `nerf-core/docs/numerics.md`.
+//! Difficult numerical cases, each with its tolerance: the tests behind `nerf-core/docs/numerics.md`.
 
 mod blob;
 mod cameras;
@@ -15,7 +15,7 @@ mod table;
 mod volume;
 mod walk;
 
-/// The page's sections, in the order data flows.
+/// Returns the sections of the page, in the order of the data flow.
 fn sections() -> Vec<(&'static str, &'static [&'static table::Case])> {
     vec![
         (table::ELEMENTARY, elementary::CASES),

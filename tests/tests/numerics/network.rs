@@ -1,4 +1,4 @@
-//! The network at exact points, with every kernel, by every backend; sums of extremes.
+//! Errors of the network at exact points, with every kernel and maths backend, and of sums of extreme values.
 
 mod activations;
 
@@ -27,7 +27,8 @@ cases! {
 
 const POINTS: usize = 640;
 
-/// Worst error of sigma (0) or rgb (1) by each backend, and by the kernel that rounds.
+/// Measures the largest error of sigma (`output` 0) or rgb (1) for each backend, and for the kernel that rounds
+/// weights.
 fn queries(output: usize) -> Vec<Row> {
     let mut worst = vec![Worst::default(); BACKENDS.len() + 1];
     let wide = Recipe { trunk: (8, 256), skip: true, seed: 21, ..Recipe::PLAIN };
@@ -82,7 +83,7 @@ fn unit(v: [f32; 3]) -> [f32; 3] {
     v.map(|x| x / length)
 }
 
-/// What the renderer says of points.
+/// Evaluates density and colour at points with the renderer.
 pub(crate) fn ask(
     bytes: &[u8],
     kernel: Kernel,
@@ -102,8 +103,8 @@ pub(crate) fn ask(
     (sigma, rgb, counters)
 }
 
-/// Rows of ±65,504 and the least subnormals of f16 against inputs of as different sizes: unpacked to f32, in place, and
-/// rounded to bf16 with their inputs.
+/// Measures products of rows of extreme f16 values, from ±65,504 to the smallest subnormals, with inputs of very
+/// different sizes. The rows are unpacked to f32, read in place, or rounded to bf16 together with their inputs.
 fn extremes() -> Vec<Row> {
     let (k, n) = (512, 16);
     // The largest, the least, 1, the least normal one, and the next below 1.
@@ -150,11 +151,11 @@ fn extremes() -> Vec<Row> {
     ]
 }
 
-/// About nine times what was seen. The worst case would be 513 u, 3.1e-5 (Higham 2002, eq. 3.5); roundings of either
-/// sign cancel.
+/// Bound: about nine times the observed error. The worst case would be 513 u, 3.1e-5 (Higham 2002, eq. 3.5), but
+/// rounding errors of either sign cancel.
 const DOT: f64 = 6e-7;
 
-/// The nearest number of 8 bits, ties to even, in f32.
+/// Rounds a number to the nearest bf16 (8 significant bits), ties to even; returns the result as an f32.
 fn bf16(x: f32) -> f32 {
     let bits = x.to_bits();
     f32::from_bits((bits + 0x7fff + (bits >> 16 & 1)) & 0xffff_0000)

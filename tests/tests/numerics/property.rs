@@ -1,8 +1,8 @@
-//! Laws over inputs that proptest draws and, where one fails, makes smaller.
+//! Laws, checked on inputs that proptest draws; an input that violates a law is reduced to a smaller one.
 //!
-//! The stream of inputs is always the same, so that a run here is a run in CI. `PROPTEST_CASES` asks for more of them,
-//! for each law that many. Nothing is persisted: the worst inputs that were ever found are written down beside their
-//! law, and come before the drawn ones.
+//! The inputs are the same in every run, so that a local run equals a run in CI. `PROPTEST_CASES` sets the number of
+//! inputs for each law. proptest stores no inputs: the worst inputs ever found are listed in the code beside their law,
+//! and are checked before the drawn ones.
 
 use crate::table::Worst;
 use proptest::strategy::Strategy;
@@ -10,10 +10,10 @@ use proptest::test_runner::{Config, RngAlgorithm, TestCaseError, TestRng, TestRu
 use std::cell::RefCell;
 use std::fmt::{Debug, Display};
 
-/// The worst that `measure` finds on the `known` inputs and on `cases` drawn ones.
+/// Returns the largest error that `measure` finds on the `known` inputs and on `cases` drawn inputs.
 ///
 /// # Panics
-/// If one is beyond `bound`, with the smallest input proptest can find that is.
+/// If an error exceeds `bound`; the message contains the smallest failing input that proptest finds.
 pub fn law<S: Strategy>(
     strategy: &S,
     cases: u32,

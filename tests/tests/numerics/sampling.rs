@@ -1,4 +1,4 @@
-//! Importance sampling against the oracle.
+//! Errors of importance sampling against the oracle.
 
 mod laws;
 
@@ -15,7 +15,7 @@ cases! {
     rows_are_ascending_and_inside: "rows that are not" => ordered;
 }
 
-/// No weight, one spike, spikes at the ends, what is no number, ramps, noise.
+/// Returns named arrays of weights: all 0, one spike, NaNs and other invalid weights, a ramp, and noise.
 fn weights() -> Vec<(String, Vec<f32>)> {
     let mut all = vec![("all zero".to_string(), vec![0.0; 64]), ("all NaN".to_string(), vec![f32::NAN; 64])];
     for bin in [0, 31, 63] {
@@ -39,7 +39,7 @@ fn row(weights: &[f32], count: usize) -> Vec<f32> {
     row_of(&bins, weights, count, |_| 0.5)
 }
 
-/// The samples of `bins` with these weights.
+/// Returns the samples that are drawn from `bins` with these weights, and the middles of the bins, in ascending order.
 fn row_of(bins: &Bins, weights: &[f32], drawn: usize, within: impl Fn(u32) -> f32) -> Vec<f32> {
     let mut row = vec![f32::NAN; drawn];
     row.extend(weights);
@@ -47,7 +47,7 @@ fn row_of(bins: &Bins, weights: &[f32], drawn: usize, within: impl Fn(u32) -> f3
     row
 }
 
-/// How far the distribution function at the samples of a row is off, over what `draw` promises.
+/// Returns the error of the distribution function at the samples of a ray, divided by the error that `draw` promises.
 fn off(near: f32, far: f32, weights: &[f32], drawn: usize, within: impl Fn(u32) -> f32) -> f64 {
     let (n, [low, high]) = (weights.len(), [near, far].map(f64::from));
     let bins = Bins::new(near, far, n as u32).expect("bins");

@@ -1,4 +1,4 @@
-//! The table of worst errors: what each case measured, beside its bound, and `nerf-core/docs/numerics.md`.
+//! Table of the worst errors: the measured error of each case, beside its bound, as in `nerf-core/docs/numerics.md`.
 
 use nerf_core::math::MathBackend;
 use nerf_core::{Isa, Kernel};
@@ -8,32 +8,32 @@ use std::sync::OnceLock;
 /// One line of the table.
 #[derive(Clone, Debug)]
 pub struct Row {
-    /// Maths backend, or "any" where none takes part.
+    /// Maths backend; "any" for cases without a backend.
     pub backend: &'static str,
-    /// Kernels it holds for.
+    /// Kernels that the row covers.
     pub kernel: &'static str,
-    /// The worst that was seen.
+    /// Largest measured error.
     pub observed: f64,
-    /// What it may be at most.
+    /// Largest allowed error.
     pub bound: f64,
-    /// Where the worst was seen.
+    /// Input with the largest error.
     pub at: String,
 }
 
-/// A case of the table: measured once in a run of the tests, whoever asks.
+/// A case of the table. Its rows are measured once per test run, on first use.
 pub struct Case {
-    /// The test's name.
+    /// Name of the test.
     pub name: &'static str,
-    /// What is measured, with its unit.
+    /// Description of the measured quantity, with its unit.
     pub what: &'static str,
-    /// Measures it.
+    /// Function that measures the rows.
     pub measure: fn() -> Vec<Row>,
-    /// What was measured.
+    /// Measured rows.
     pub rows: OnceLock<Vec<Row>>,
 }
 
 impl Case {
-    /// The measured rows, none of which may exceed its bound.
+    /// Measures the rows, unless measured before, and returns them. Panics if an error exceeds its bound.
     pub fn check(&self) -> &[Row] {
         let rows = self.rows.get_or_init(self.measure);
         assert!(!rows.is_empty(), "{}: nothing was measured", self.name);
@@ -47,7 +47,7 @@ impl Case {
     }
 }
 
-/// Declares the cases of a section, each a test of its own.
+/// Declares the cases of a section; each case is a test.
 macro_rules! cases {
     ($($name:ident: $what:literal => $measure:expr;)*) => {
         /// The section's cases.
@@ -72,7 +72,7 @@ macro_rules! cases {
 }
 pub(crate) use cases;
 
-/// Backends by name.
+/// Maths backends, each with its name.
 pub const BACKENDS: [(&str, MathBackend); 4] = [
     ("polynomial", MathBackend::Polynomial),
     ("libm", MathBackend::Libm),
@@ -80,27 +80,27 @@ pub const BACKENDS: [(&str, MathBackend); 4] = [
     ("recurrence", MathBackend::Recurrence),
 ];
 
-/// The kernels that do not round.
+/// Returns the kernels that do not round weights.
 pub fn exact_kernels() -> impl Iterator<Item = Kernel> {
     Kernel::all().filter(|kernel| !kernel.rounds())
 }
 
-/// The instruction sets of this machine.
+/// Returns the instruction sets of this machine.
 pub fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
-/// Keeps the worst of what it is shown.
+/// Largest error of those passed to [`Worst::see`].
 #[derive(Clone, Debug, Default)]
 pub struct Worst {
-    /// The largest error; NaN once one was NaN.
+    /// Largest error; NaN if an error was NaN.
     pub error: f64,
-    /// Where.
+    /// Input with the largest error.
     pub at: String,
 }
 
 impl Worst {
-    /// Shows it an error and where it is.
+    /// Records an error and its input, if the error is the largest so far.
     pub fn see(&mut self, error: f64, at: impl FnOnce() -> String) {
         // A NaN is the worst there is.
         if error > self.error || (error.is_nan() && !self.error.is_nan()) {
@@ -108,13 +108,14 @@ impl Worst {
         }
     }
 
-    /// Its row.
+    /// Returns the table row of this error.
     pub fn row(self, backend: &'static str, kernel: &'static str, bound: f64) -> Row {
         Row { backend, kernel, observed: self.error, bound, at: self.at }
     }
 }
 
-/// What of a line stays from machine to machine: case, backend, kernels and bound; `None` of other lines.
+/// Returns the cells of a line that are equal on every machine: case, backend, kernels and bound; `None` for a line
+/// that is not a row.
 pub fn fixed_cells(line: &str) -> Option<[&str; 4]> {
     if !line.starts_with("| ") || line.starts_with("| ---") || line.matches(" | ").count() != 5 {
         return None;
@@ -123,7 +124,7 @@ pub fn fixed_cells(line: &str) -> Option<[&str; 4]> {
     Some([cells[0], cells[1], cells[2], cells[4]])
 }
 
-/// The page, of what this run measures; `old` is the page as it was.
+/// Returns the page with the errors of this run. `old`: the existing page.
 pub fn page(sections: &[(&str, &[&Case])], old: &str) -> String {
     let mut page = String::from(HEAD);
     for (title, cases) in sections {
@@ -145,7 +146,7 @@ pub fn page(sections: &[(&str, &[&Case])], old: &str) -> String {
     page
 }
 
-/// A section's lines.
+/// Returns the table lines of a section.
 fn lines(cases: &[&Case]) -> Vec<String> {
     let mut lines = Vec::new();
     for case in cases {
@@ -157,19 +158,19 @@ fn lines(cases: &[&Case]) -> Vec<String> {
     lines
 }
 
-/// The lines of elementary functions of a page that took every f32.
+/// Returns the lines of elementary functions in a page, if the page was measured with every f32.
 fn exhaustive_lines(page: &str) -> Option<Vec<String>> {
     let section = page.split("\n## ").find(|section| section.starts_with(ELEMENTARY))?;
     let lines = || section.lines().filter(|line| fixed_cells(line).is_some_and(|cells| cells[0] != "case"));
     page.contains("run with every f32").then(|| lines().map(String::from).collect())
 }
 
-/// Whether they are of the same cases and bounds.
+/// Returns whether two lists of lines have equal cases and bounds.
 fn alike(a: &[String], b: &[String]) -> bool {
     a.iter().map(|line| fixed_cells(line)).eq(b.iter().map(|line| fixed_cells(line)))
 }
 
-/// The section whose cases may take minutes.
+/// Title of the section whose cases may take minutes.
 pub const ELEMENTARY: &str = "Elementary functions";
 const EVERY: &str = "Of a run with every f32 of the domain.\n";
 
@@ -188,7 +189,7 @@ that once broke them; `PROPTEST_CASES` asks for more. The last section says wher
 list this system was tested against is.
 ";
 
-/// The page in the repository.
+/// Returns the path of the page in the repository.
 pub fn path() -> std::path::PathBuf {
     paths::workspace().join("nerf-core/docs/numerics.md")
 }

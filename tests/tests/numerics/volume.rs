@@ -1,4 +1,4 @@
-//! Compositing against the oracle, at every size of everything, by every backend.
+//! Errors of compositing against the oracle, for densities and bins of every size, with every maths backend.
 
 mod laws;
 
@@ -11,14 +11,15 @@ use nerf_tests::error::{excess, worse};
 use nerf_tests::noise::share;
 use nerf_tests::oracle;
 
-/// What breaks volume renderers (camp_zipnerf's `render_test.py`).
+/// Densities and widths of bins that break volume renderers (camp_zipnerf's `render_test.py`).
 static SIZES: [f32; 7] = [0.0, 1e-30, 1e-10, 1.0, 1e10, 1e30, f32::INFINITY];
 
-/// The exponentials there are: of the recurrence they are the polynomials.
+/// Backends with different exponential functions; the recurrence uses the polynomials' exponential.
 const EXPONENTIALS: &[(&str, MathBackend)] = BACKENDS.split_at(3).0;
 
-/// Errors of a ray: those of exp and of expm1 in each weight (2e-7 and 4e-7), two roundings, and what rounding the
-/// optical thickness moves: `Σ w (2^-23 tau)`, at most 2^-23. A transmittance that is `1 + expm1` is no worse.
+/// Bound of the error of a ray: errors of exp and expm1 in each weight (2e-7 and 4e-7), two roundings, and the effect
+/// of rounding the optical thickness, `Σ w (2^-23 tau)`, at most 2^-23. A transmittance computed as `1 + expm1` is no
+/// worse.
 pub const RAY: f64 = 1e-6;
 
 cases! {
@@ -37,7 +38,7 @@ cases! {
     splitting_a_bin_in_two: "change of colour and opacity" => splitting;
 }
 
-/// The oracle's pixel of bins between edges.
+/// Returns the oracle's pixel of a ray whose bins lie between `edges`.
 fn truth(sigma: &[f32], rgb: &[[f32; 3]], edges: &[f32], background: [f32; 3]) -> oracle::volume::Pixel {
     let wide = |x: f32| f64::from(x);
     let sigma: Vec<f64> = sigma.iter().copied().map(wide).collect();
@@ -47,13 +48,13 @@ fn truth(sigma: &[f32], rgb: &[[f32; 3]], edges: &[f32], background: [f32; 3]) -
     oracle::volume::composite(&sigma, &rgb, &t, &delta, background.map(wide))
 }
 
-/// Largest error of colour and opacity.
+/// Returns the largest error of colour and opacity.
 pub fn off(found: &Pixel, truth: &oracle::volume::Pixel) -> f64 {
     let colour = (0..3).map(|c| (f64::from(found.rgb[c]) - truth.rgb[c]).abs());
     colour.fold((f64::from(found.opacity) - truth.opacity).abs(), worse)
 }
 
-/// The row of each backend.
+/// Returns one row for each backend.
 fn by_backend(bounds: [f64; 3], measure: impl Fn(MathBackend, &mut Worst)) -> Vec<Row> {
     let row = |(&(name, math), bound)| {
         let mut worst = Worst::default();
@@ -98,7 +99,7 @@ fn thin() -> Vec<Row> {
     })
 }
 
-/// Two samples of any density each, in bins of any width that edges can have, any way off.
+/// Calls `see` with two samples: all pairs of densities, and all pairs of bins between finite edges, at all distances.
 fn every_size(mut see: impl FnMut([f32; 2], [f32; 3], &dyn Fn() -> String)) {
     let pairs = |sizes: &'static [f32]| sizes.iter().flat_map(move |a| sizes.iter().map(move |b| (*a, *b)));
     let finite = SIZES.split_at(6).0;
@@ -111,7 +112,7 @@ fn every_size(mut see: impl FnMut([f32; 2], [f32; 3], &dyn Fn() -> String)) {
     }
 }
 
-/// How far outside of near to far a pixel's distances are, over `far`.
+/// Returns how far a pixel's distances lie outside of `near..far`, divided by `far`.
 fn beyond(found: &Pixel, near: f32, far: f32) -> f64 {
     let [near, far] = [near, far].map(f64::from);
     let outside = |t: f32| excess(worse(near - f64::from(t), f64::from(t) - far)) / far.max(1e-30);
@@ -143,7 +144,8 @@ fn weighed() -> Vec<Row> {
     })
 }
 
-/// Each sample's weight, and what is left behind the last: what a wall there would weigh.
+/// Returns the weight of each sample, followed by the transmittance behind the last sample, which is the weight of an
+/// opaque wall there.
 fn weights(math: MathBackend, sigma: &[f32], edges: &[f32]) -> Vec<f32> {
     let n = sigma.len();
     let (mut sigma, mut edges) = (sigma.to_vec(), edges.to_vec());
@@ -240,7 +242,8 @@ fn no_numbers() -> Vec<Row> {
     })
 }
 
-/// There is no disparity among the outputs that could be 0/0: distances are `far` where nothing is.
+/// Counts pixels of empty rays that are not background. Distances are `far` where nothing is hit; no output is a
+/// disparity, which could be 0/0.
 fn empty() -> Vec<Row> {
     by_backend([0.0; 3], |math, worst| {
         for n in [0, 1, 64, 4096] {
@@ -296,7 +299,7 @@ fn splitting() -> Vec<Row> {
     })
 }
 
-/// Largest difference of colour and opacity.
+/// Returns the largest difference of colour and opacity between two pixels.
 fn change(a: &Pixel, b: &Pixel) -> f64 {
     let colour = (0..3).map(|c| f64::from((a.rgb[c] - b.rgb[c]).abs()));
     colour.fold(f64::from((a.opacity - b.opacity).abs()), worse)

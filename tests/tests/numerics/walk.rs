@@ -1,4 +1,5 @@
-//! The walk through the occupancy grid against exact coordinates: through corners, along faces, far from the origin.
+//! The march through the occupancy grid, compared with exact coordinates: through corners, along faces, far from the
+//! origin.
 
 use crate::geometry::somewhere;
 use crate::table::{Row, Worst, cases};
@@ -15,7 +16,7 @@ cases! {
     every_walk_ends: "look-ups a bin, counted" => steps;
 }
 
-/// A box cut into cells.
+/// A box divided into grid cells.
 struct Cells {
     bounds: SceneBox,
     resolution: [u16; 3],
@@ -33,7 +34,7 @@ fn occupancies() -> Vec<Cells> {
     ]
 }
 
-/// The exact place on the ray, in cells, and how far f32 may take it from there.
+/// Returns the exact position on the ray, in cells along each axis, and the largest rounding error of the f32 position.
 fn place(cells: &Cells, ray: &Ray, t: f32) -> [(f64, f64); 3] {
     std::array::from_fn(|axis| {
         let [min, max] = [cells.bounds.min[axis], cells.bounds.max[axis]].map(f64::from);
@@ -45,7 +46,7 @@ fn place(cells: &Cells, ray: &Ray, t: f32) -> [(f64, f64); 3] {
     })
 }
 
-/// The cells that f32 may find the place in, and whether it may find it outside of the box.
+/// Returns the cells in which the f32 position may lie, and whether it may lie outside of the box.
 fn candidates(cells: &Cells, at: [(f64, f64); 3]) -> (Vec<usize>, bool) {
     let (mut found, mut outside) = (vec![0], false);
     for ((at, off), side) in at.into_iter().zip(cells.resolution) {
@@ -62,7 +63,7 @@ fn candidates(cells: &Cells, at: [(f64, f64); 3]) -> (Vec<usize>, bool) {
     (found, outside)
 }
 
-/// Rays from corner to corner of cells, along faces and edges, parallel to axes, at random.
+/// Returns rays from corner to corner of cells, along faces and edges, parallel to axes, and at random.
 fn rays(cells: &Cells) -> Vec<Ray> {
     let mut state = 29;
     let size = (cells.bounds.max - cells.bounds.min) / Vec3::from(cells.resolution.map(f32::from));
@@ -96,7 +97,7 @@ fn rays(cells: &Cells) -> Vec<Ray> {
     rays
 }
 
-/// Every ray, cut into few bins and into many.
+/// Calls `see` with every ray, divided into few bins and into many.
 fn each_walk(mut see: impl FnMut(&Cells, &Ray, &Bins)) {
     for cells in occupancies() {
         let far = 2.5 * (cells.bounds.max - cells.bounds.min).length();
@@ -112,7 +113,7 @@ fn bit(bits: &[u8], cell: usize) -> bool {
     bits[cell / 8] >> (cell % 8) & 1 == 1
 }
 
-/// Occupancy grids of which all, half, one in fifty and none of the cells are set.
+/// Returns the bits of occupancy grids in which all, half, one in fifty and none of the cells are occupied.
 fn fillings(cells: &Cells) -> Vec<Vec<u8>> {
     let count: usize = cells.resolution.iter().map(|&side| usize::from(side)).product();
     let mut state = 31;
@@ -191,7 +192,7 @@ fn single() -> Vec<Row> {
     vec![Worst { error: f64::from(missed) / f64::from(all), at }.row("any", "any", 0.0)]
 }
 
-/// Rays that are no numbers walk as well: an empty occupancy grid is walked to its end.
+/// Counts look-ups per bin, for rays with NaNs and infinities, too: the march through an empty grid must reach its end.
 fn steps() -> Vec<Row> {
     let mut worst = Worst::default();
     let odd = [0.0, f32::NAN, f32::INFINITY, f32::MAX, 1e-45, -1e30];

@@ -1,26 +1,26 @@
-//! What the picture needs of the machine: text to the debugger, a clock, the stack's high-water mark.
+//! Access to the board: text output to the debugger, a clock, and the highest use of the stack.
 
 use cortex_m_rt::STACK_PAINT_VALUE;
 use cortex_m_semihosting::{debug, hio::HostStream, hio::hstdout};
 
-/// Text to the debugger's console, through semihosting.
+/// Console of the debugger, to which text is written by semihosting.
 pub struct Console(Option<HostStream>);
 
 impl Console {
-    /// The console; where there is none, text is lost.
+    /// Opens the console. Without a debugger, the console discards all text.
     pub fn open() -> Self {
         Self(hstdout().ok())
     }
 
-    /// Writes bytes of ASCII.
+    /// Writes ASCII text.
     pub fn write(&mut self, text: &[u8]) {
         if let Some(out) = &mut self.0 {
-            // Nobody is there to be told.
+            // An error is ignored, since no other output could report it.
             let _ = out.write_all(text);
         }
     }
 
-    /// Writes a line of a name and a number in decimal.
+    /// Writes a line: `name`, a space, and `value` in decimal.
     pub fn number(&mut self, name: &str, value: u64) {
         let (mut digits, mut rest) = ([b' '; 21], value);
         for digit in digits.iter_mut().rev() {
@@ -34,14 +34,14 @@ impl Console {
         self.line(name, digits.get(first..).unwrap_or_default());
     }
 
-    /// Writes a line of a name and 32 bits in hexadecimal.
+    /// Writes a line: `name`, a space, and `value` as eight hexadecimal digits.
     pub fn bits(&mut self, name: &str, value: u32) {
         let digit = |i: u32| (value >> (28 - 4 * i) & 15) as u8;
         let text = [0, 1, 2, 3, 4, 5, 6, 7].map(|i| digit(i) + if digit(i) < 10 { b'0' } else { b'a' - 10 });
         self.line(name, &text);
     }
 
-    /// Writes a line of two words.
+    /// Writes a line: `name`, a space, and `text`.
     pub fn line(&mut self, name: &str, text: &[u8]) {
         for part in [name.as_bytes(), b" ", text, b"\n"] {
             self.write(part);
@@ -49,16 +49,15 @@ impl Console {
     }
 }
 
-/// Ends the program; the debugger sees whether it went well.
+/// Ends the program and reports success (`well`) or failure to the debugger.
 pub fn exit(well: bool) -> ! {
     debug::exit(if well { debug::EXIT_SUCCESS } else { debug::EXIT_FAILURE });
     loop {}
 }
 
-/// Timer 0 of the board (CMSDK APB timer, 25 MHz), counting down.
+/// Address of timer 0 of the board: a CMSDK APB timer, 25 MHz, counting down.
 const TIMER: *mut u32 = 0x4000_0000 as *mut u32;
 
-/// Starts the clock.
 pub fn start_clock() {
     // SAFETY: CTRL, VALUE and RELOAD of timer 0, which nobody else uses.
     unsafe {
@@ -68,13 +67,14 @@ pub fn start_clock() {
     }
 }
 
-/// Ticks since the clock was started.
+/// Returns the timer ticks, at 25 MHz, since [`start_clock`] was called.
 pub fn ticks() -> u32 {
     // SAFETY: VALUE of timer 0.
     u32::MAX - unsafe { TIMER.add(1).read_volatile() }
 }
 
-/// Most bytes the stack has had so far: the start-up code painted all of it.
+/// Returns the largest number of bytes of stack used so far. The start-up code fills the stack with a known value; the
+/// function searches for the first word that was overwritten.
 pub fn stack_used() -> usize {
     unsafe extern "C" {
         static __sheap: u32;

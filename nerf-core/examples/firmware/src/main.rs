@@ -1,7 +1,7 @@
-//! Draws a radiance field on a microcontroller, and says what that took.
+//! Draws a radiance field on a microcontroller, and reports time, memory and number of samples.
 //!
-//! The scene lies in flash and is read there, f16 as it is; RAM holds a workspace of the size that was asked
-//! for, and the stack. See the README beside this crate, and `run`, which builds, runs and checks.
+//! The scene is in flash, and its f16 weights are read in place. RAM holds the workspace and the stack. See the
+//! README of this crate, and the script `run`, which builds, runs and checks the program.
 #![no_std]
 #![no_main]
 
@@ -15,9 +15,10 @@ use core::panic::PanicInfo;
 use nerf_core::memory::Line;
 use picture::{Checksums, View, draw};
 
-/// The scene; what is known of it at run time alone must not be known to the optimiser.
+/// Blob of the scene. Read through `black_box`, so that the compiler cannot use its content for optimisation.
 static SCENE: &[u8] = include_bytes!(env!("NERF_SCENE"));
-/// Lines of workspace: what `Renderer::workspace_lines` says of scene and view; fewer are an error when it runs.
+/// Number of 64-byte lines of workspace: the result of `Renderer::workspace_lines` for the scene and view. With fewer
+/// lines, drawing returns an error.
 const LINES: usize = match (cfg!(feature = "large"), cfg!(feature = "effects")) {
     (false, false) => 26,
     (false, true) => 38,
@@ -35,13 +36,14 @@ const VIEW: View = View {
     effects: cfg!(feature = "effects"),
 };
 
-/// What the link check must find: an index that only the run time knows.
+/// Code that may panic, for a test of the link check: the index is hidden from the compiler by `black_box`.
 #[cfg(feature = "panic")]
 fn may_panic() -> u8 {
     SCENE[black_box(0)]
 }
 
-/// A machine that is only linked for: the picture's checksum is all of it that is used.
+/// Entry point on targets for which the program is linked but not run. The image is drawn to checksums and not
+/// displayed.
 #[cfg(not(target_arch = "arm"))]
 #[unsafe(no_mangle)]
 extern "C" fn _start() -> ! {
@@ -63,7 +65,7 @@ fn main() -> ! {
     #[cfg(feature = "panic")]
     black_box(may_panic());
     let mut checksums = Checksums::NONE;
-    // A row of colour and, beside it, of depth.
+    // One row of characters: colour on the left, depth on the right.
     const SIDE: usize = VIEW.side as usize;
     let (mut row, mut x) = ([b' '; 2 * SIDE + 3], 0);
     let mut put = |pixel: &nerf_core::volume::Pixel| {
@@ -104,7 +106,7 @@ fn main() -> ! {
     board::exit(drawn.is_ok())
 }
 
-/// Does not exist: a build in which a panic can be reached does not link.
+/// Panic handler. Calls a function that is not defined, so that a build in which a panic is reachable does not link.
 #[panic_handler]
 fn panic(_: &PanicInfo<'_>) -> ! {
     unsafe extern "C" {

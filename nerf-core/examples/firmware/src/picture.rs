@@ -1,6 +1,7 @@
-//! The picture: one view of a scene, pixel by pixel in the order of reading, and what identifies it.
+//! Rendering of one view of a scene, row by row, and checksums of its pixels.
 //!
-//! `tests/tests/hosts/firmware.rs` includes this file and compares the host's picture with the microcontroller's.
+//! `tests/tests/hosts/firmware.rs` includes this file and compares the image rendered on the host with the
+//! microcontroller's.
 
 use nerf_core::Kernel;
 use nerf_core::MathBackend;
@@ -11,47 +12,49 @@ use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, 
 use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 
-/// Camera-to-world: 3.2 from the origin, which is straight ahead, and +Z is up. `c/main.c` has the same.
+/// Camera-to-world matrix. The camera is 3.2 units from the origin and looks at the origin; +Z is up. `c/main.c` has
+/// the same matrix.
 const C2W: [[f32; 4]; 3] = [
     [0.661622, -0.315121, 0.680408, 2.176],
     [0.749838, 0.278048, -0.60036, -1.92],
     [0.0, 0.907407, 0.420252, 1.344],
 ];
 
-/// What is drawn of a scene.
+/// Settings of the image: size, maths backend, and effects.
 #[derive(Clone, Copy, Debug)]
 pub struct View {
-    /// Pixels along each side.
+    /// Width and height of the image, pixels.
     pub side: u16,
-    /// [`MathBackend::tag`] of who computes the elementary functions.
+    /// Tag ([`MathBackend::tag`]) of the backend that computes elementary functions.
     pub math: u8,
-    /// Whether every effect and output is asked for.
+    /// Whether the image uses all effects and all outputs.
     pub effects: bool,
 }
 
-/// What a picture took.
+/// Work and memory of a rendered image.
 #[derive(Clone, Copy, Debug)]
 pub struct Work {
-    /// Samples the network was asked for.
+    /// Number of samples at which the network was evaluated.
     pub samples: u64,
-    /// Bytes of workspace.
+    /// Size of the workspace that the plan needs, bytes.
     pub workspace: usize,
-    /// Density at the origin, 1/world unit, where `View::effects` asks for all there is; else 0.
+    /// Density at the origin, 1/world unit, if `View::effects` is set; else 0.
     pub density: f32,
 }
 
-/// Draws the scene of `blob` and hands every pixel to `put`, row by row: one ray is in flight, and a sample is a
-/// block.
+/// Draws the scene of `blob` and passes each pixel to `put`, row by row. Renders one ray at a time, in blocks of one
+/// sample.
 ///
 /// # Errors
-/// Which step refused. The sentence of `nerf-core`'s own error would take the formatting of numbers along.
+/// Name of the step that failed. Returns no error of `nerf-core`, since its message would link code that formats
+/// numbers.
 pub fn draw(
     blob: &[u8],
     view: View,
     workspace: &mut [Line],
     put: &mut impl FnMut(&Pixel),
 ) -> Result<Work, &'static str> {
-    // Matched, not mapped: what is as large as these would lie on the stack twice.
+    // `let … else` instead of `map_err`, which would put a second copy of these large values on the stack.
     let Ok(blob) = Blob::open(blob) else { return Err("the blob does not open") };
     let (math, side) = (MathBackend::from_tag(view.math).ok_or("no such maths")?, f32::from(view.side));
     let quality = Quality { math, ..Quality::default() };
@@ -85,15 +88,15 @@ pub fn draw(
     Ok(Work { samples: work.samples_kept, workspace: lines * size_of::<Line>(), density: density[0] })
 }
 
-/// CRC-32 (ISO-HDLC) of 32-bit words, least significant byte first; without a table.
+/// CRC-32 (ISO-HDLC) of a sequence of 32-bit words, each least significant byte first. Computed without a table.
 #[derive(Clone, Copy, Debug)]
 pub struct Checksum(u32);
 
 impl Checksum {
-    /// Of nothing.
+    /// Checksum of an empty sequence.
     pub const NONE: Self = Self(!0);
 
-    /// Takes one more word.
+    /// Appends `word` to the sequence.
     pub fn add(&mut self, word: u32) {
         self.0 ^= word;
         for _ in 0..32 {
@@ -101,26 +104,26 @@ impl Checksum {
         }
     }
 
-    /// Of everything so far.
+    /// Returns the checksum of all words appended so far.
     pub fn value(self) -> u32 {
         !self.0
     }
 }
 
-/// The checksums of a picture: every bit of colour, and of everything else that was asked for.
+/// Two checksums of an image: one of colour, one of `z_depth` and the outputs that `View::effects` adds.
 #[derive(Clone, Copy, Debug)]
 pub struct Checksums {
-    /// Of `rgb`.
+    /// Checksum of `rgb` of all pixels.
     pub colour: Checksum,
-    /// Of `z_depth`; with effects of `median_distance` and `normal`, too.
+    /// Checksum of `z_depth` of all pixels; if `View::effects` is set, also of `median_distance` and `normal`.
     pub depth: Checksum,
 }
 
 impl Checksums {
-    /// Of no pixel.
+    /// Checksums of an image without pixels.
     pub const NONE: Self = Self { colour: Checksum::NONE, depth: Checksum::NONE };
 
-    /// Takes one more pixel.
+    /// Appends the outputs of `pixel` to the checksums.
     pub fn add(&mut self, view: View, pixel: &Pixel) {
         pixel.rgb.into_iter().for_each(|c| self.colour.add(c.to_bits()));
         self.depth.add(pixel.z_depth.to_bits());
@@ -131,10 +134,10 @@ impl Checksums {
     }
 }
 
-/// A character as dark as `value` in 0 to 1 is small.
+/// Returns an ASCII character for a brightness: from a space at `value` 0 to `@` at 0.9 and above.
 pub fn shade(value: f32) -> u8 {
     const RAMP: &[u8] = b" .:-=+*#%@";
-    // `as` saturates, and takes NaN to 0.
+    // `as` saturates, and converts NaN to 0.
     let step = (value * RAMP.len() as f32) as usize;
     RAMP.get(step).or(RAMP.last()).copied().unwrap_or(b' ')
 }

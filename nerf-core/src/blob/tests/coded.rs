@@ -22,7 +22,7 @@ fn of_features(features: u8) -> GridEncoding {
     GridEncoding { features, ..learned() }
 }
 
-/// Signed bytes around 0, most of them small.
+/// Pseudo-random signed bytes of magnitude at most 40, mostly small.
 fn small(count: usize) -> Vec<u8> {
     noise(count, 5).iter().map(|x| (40.0 * x * x * x) as i8 as u8).collect()
 }

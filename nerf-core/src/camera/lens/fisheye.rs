@@ -1,4 +1,4 @@
-//! The fisheye model and its inverse.
+//! The fisheye lens model and its inverse.
 
 use super::Lens;
 use super::model::FOLD;
@@ -10,8 +10,8 @@ use glam::{Vec2, Vec3};
 const STEPS: u8 = 32;
 
 impl Lens {
-    /// Returns the distance from the principal point, in focal lengths, at which a direction `theta` radians off the
-    /// axis is seen, and the derivative of this distance with respect to `theta`.
+    /// Returns the image distance of a direction `theta` radians off the axis, and the derivative of the image distance
+    /// with respect to `theta`. An image distance is a distance from the principal point, in focal lengths.
     fn angle_seen(&self, theta: f32) -> (f32, f32) {
         let t = theta * theta;
         let seen = 1.0 + t * (self.k1 + t * (self.k2 + t * (self.k3 + t * self.k4)));
@@ -32,9 +32,10 @@ impl Lens {
 
     /// Finds the unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
     ///
-    /// Computes the smallest angle to the axis that is seen as far from the principal point as `(xd, yd)`, by Newton's
-    /// method inside a bracket. `None` if no f32 angle up to π is seen at that distance within 1e-6, or if the lens
-    /// folds before that distance is reached: beyond a fold, the seen distance no longer grows with the angle.
+    /// Newton's method inside a bracket finds the smallest angle to the axis that has the image distance
+    /// ([`Self::angle_seen`]) of `(xd, yd)`. `None` if no f32 angle up to π has this image distance within 1e-6
+    /// (relative if the distance is above 1), or if the lens folds at a smaller image distance. Beyond a fold, the
+    /// image distance no longer grows with the angle.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {
@@ -73,9 +74,9 @@ impl Lens {
         (off <= 1e-6 * seen.max(1.0)).then_some(theta)
     }
 
-    /// Brackets the angle that is seen at distance `seen` (focal lengths) from the principal point: returns a smaller
-    /// and a larger angle, radians. `None` if the lens folds before that distance is reached, or if all angles up to π
-    /// are seen closer to the principal point.
+    /// Brackets the angle whose image distance ([`Self::angle_seen`]) is `seen`: returns a smaller and a larger angle,
+    /// radians. `None` if the lens folds at a smaller image distance, or if all angles up to π have smaller image
+    /// distances.
     fn angles_around(&self, seen: f32) -> Option<(f32, f32)> {
         let mut low = 0.0;
         for step in 1..=STEPS {

@@ -40,7 +40,8 @@ pub struct Lens {
     pub projection: Projection,
 }
 
-/// Projection of a lens without distortion: how far from the principal point, in focal lengths, a direction is seen.
+/// Projection of a lens without distortion: maps the angle between a direction and the axis to a distance from the
+/// principal point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
     /// Pinhole: distance from the principal point, in focal lengths, is the tangent of the angle to the axis.

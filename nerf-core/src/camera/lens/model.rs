@@ -1,14 +1,15 @@
-//! The radial-tangential lens model, its inverse, and tests for folds: past a fold, one image point shows two directions.
+//! The radial-tangential lens model, its inverse, and tests for folds: past a fold, one image point shows two
+//! directions.
 
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
 
-/// Limit of two quantities at or below which the lens counts as folded: the distortion's slope along a line from the
-/// axis, and the determinant of the distortion's Jacobian. Past a fold, one image point shows two directions.
+/// Threshold of the tests for folds. The lens counts as folded if the distortion's slope along a line from the axis, or
+/// the determinant of the distortion's Jacobian, is at most `FOLD`. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
-/// Limit for a minimum of the distortion's slope along a line from the axis. If the slope has a minimum of at most
-/// `TURN`, the lens counts as folded, even if the minimum is above [`FOLD`]: a step of Newton's method may jump across
-/// a low minimum (measured: minima up to 0.01).
+/// Threshold for minima of the distortion's slope along a line from the axis. The lens counts as folded if the slope
+/// has a minimum of at most `TURN`, even if the minimum is above [`FOLD`]. A step of Newton's method may jump across a
+/// low minimum (measured: minima up to 0.01).
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -42,8 +43,8 @@ impl Lens {
     ///
     /// - Perspective lens with `k3 k4 k5 k6` all 0: Newton's method from `(xd, yd)`, at most 20 steps. `None` if a step
     ///   begins at or past a fold (the Jacobian's determinant is at most 1e-3).
-    /// - Other perspective lens: at most 40 Newton steps, each halved until it reduces the residual and does not pass a
-    ///   fold.
+    /// - Other perspective lens: at most 40 Newton steps. Each step is halved until the step reduces the residual and
+    ///   does not pass a fold.
     /// - Fisheye: [`Lens::direction`], scaled so that its forward component is 1; `None` if that direction does not
     ///   point forward.
     ///
@@ -103,9 +104,10 @@ impl Lens {
         [self.k3, self.k4, self.k5, self.k6] != [0.0; 4]
     }
 
-    /// Finds the ideal (undistorted) point that is seen at `(xd, yd)`, by damped Newton steps: a step is halved until
-    /// it reduces the residual and does not pass a fold. Lenses with `k3 k4 k5 k6` need this, since full steps may
-    /// diverge. `None` if no start before the fold is found, if halving a step does not help, or after 40 steps.
+    /// Finds the ideal (undistorted) point that is seen at `(xd, yd)`, by damped Newton steps: each step is halved
+    /// until the step reduces the residual and does not pass a fold. Lenses with `k3 k4 k5 k6` need damping, since full
+    /// steps may diverge. `None` if no start before the fold is found, if 11 halvings of a step do not suffice, or
+    /// after 40 steps.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
@@ -215,8 +217,8 @@ impl Lens {
 
     /// Whether the distortion folds between the axis and the ideal point `(x, y)`.
     ///
-    /// If Newton's method starts beyond a fold, its result may lie beyond the fold, too. The result is then wrong: at
-    /// that image point, a real lens shows the direction before the fold.
+    /// Newton's method may return an ideal point beyond a fold if the method starts beyond the fold. This point is
+    /// wrong: at the image point, a real lens shows the direction before the fold.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {
@@ -252,10 +254,10 @@ impl Lens {
         })
     }
 
-    /// [`Self::folds_before`] for lenses with `k3 k4 k5 k6`: whether the distortion folds between the axis and the
-    /// ideal point `(x, y)`, tested at 128 points of that segment. The lens folds if one of three values is at most
-    /// [`FOLD`] at one of the points: the slope along the segment, the determinant of the distortion's Jacobian, or the
-    /// denominator of the radial factor.
+    /// Whether the distortion of a lens with `k3 k4 k5 k6` folds on the segment from the axis to the ideal point
+    /// `(x, y)`. Tests 128 points of the segment. The lens folds if one of three values is at most [`FOLD`] at a tested
+    /// point: the slope along the segment, the determinant of the distortion's Jacobian, or the denominator of the
+    /// radial factor.
     fn folds_on_the_way(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         (1..=128u8).any(|step| {

@@ -1,4 +1,4 @@
-//! Replaces `model.rs` in builds without the feature `lens`, which do not support lens distortion.
+//! Replacement of `model.rs` in builds without the feature `lens`, which do not support lens distortion.
 
 use super::Lens;
 use glam::Vec3;
@@ -7,7 +7,8 @@ impl Lens {
     /// Whether this build supports lens distortion.
     pub(crate) const BUILT: bool = false;
 
-    /// Direction (right, down, forward) that is seen at the normalised image coordinates `(xd, yd)`: `(xd, yd, 1)`.
+    /// Returns the direction (right, down, forward) that is seen at the normalised image coordinates `(xd, yd)` without
+    /// distortion: `(xd, yd, 1)`.
     #[inline(always)]
     pub(crate) fn straighten(&self, xd: f32, yd: f32) -> Vec3 {
         Vec3::new(xd, yd, 1.0)

@@ -128,8 +128,8 @@ fn the_domain_reaches_to_the_fold_and_without_one_to_ten_radii() {
     }
 }
 
-/// Random lenses with coefficients of all signs and magnitudes. Each has the radius at which [`Lens::bend`] reaches
-/// `bend`, and points within that radius.
+/// Returns random lenses with coefficients of all signs and magnitudes. Each lens comes with the radius at which
+/// [`Lens::bend`] reaches `bend`, and with random points within this radius.
 fn lenses_of_bend(bend: f32) -> impl Iterator<Item = (Lens, f32, Vec<(f32, f32)>)> {
     let (signs, sizes) = (noise(16_000, 5), noise(16_000, 6));
     (0..4_000).map(move |i| {

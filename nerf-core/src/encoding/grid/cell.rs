@@ -5,8 +5,8 @@ use super::{GridLevel, GridTables};
 use crate::memory::tail;
 use crate::simd::{Indices, Lanes};
 
-/// Maps positions to 0..1 on each axis of the box that the grid spans. `x`: positions, `[inputs][stride]`, in the units
-/// of the box. SIMD lane `i` of the result is the position in column `column` + `i` of `x`.
+/// Maps positions to 0..1 on each axis of the box that the grid spans. `x`: positions, `[inputs][stride]`, in the
+/// coordinates of the box. SIMD lane `i` of the result is the position in column `column + i` of `x`.
 ///
 /// A coordinate outside of the box is moved to the nearest face. A NaN becomes 0.
 #[inline(always)]
@@ -32,7 +32,7 @@ pub(super) struct Cells<V: Lanes> {
     x: V::Indices,
     y: V::Indices,
     z: V::Indices,
-    /// Position of the sample inside the cell, 0 to 1 on each axis. This is also the interpolation weight, along that
+    /// Position of the sample inside the cell along each axis, 0 to 1. Also the interpolation weight, along the same
     /// axis, of the corners at the larger coordinate.
     pub weights: [V; 3],
 }
@@ -49,9 +49,9 @@ impl<V: Lanes> Cells<V> {
         Self { x, y, z, weights: [wx, wy, wz] }
     }
 
-    /// Returns the index of the first table entry of each row of corners, counted from [`GridLevel::first`]. A row is
-    /// two corners that differ only in x: the first entry is at the smaller x, the next entry at the larger. Rows are
-    /// at (y, z), (y+1, z), and in 3D also at (y, z+1), (y+1, z+1).
+    /// Returns, for each row of corners, the index of the row's first table entry, counted from [`GridLevel::first`]. A
+    /// row is two corners that differ only in x. The first entry belongs to the corner at the smaller x, the next entry
+    /// to the corner at the larger x. Rows are at (y, z), (y+1, z), and in 3D also at (y, z+1), (y+1, z+1).
     #[inline(always)]
     pub fn rows<const ROWS: usize>(&self, level: &GridLevel) -> [V::Indices; ROWS] {
         let number = V::Indices::splat;
@@ -80,8 +80,9 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// Returns the interpolation weight of each row (two corners that differ only in x), without the weight along x. In
-    /// 2D (`ROWS` = 2), it is the weight along y; in 3D (`ROWS` = 4), the product of the weights along y and z.
+    /// Returns the interpolation weight of each row (two corners that differ only in x), without the weight along x. A
+    /// row's weight is the weight along y in 2D (`ROWS` = 2), and the weight along y times the weight along z in 3D
+    /// (`ROWS` = 4).
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;

@@ -6,13 +6,13 @@ use super::{GridEncoding, GridLevel, GridTables};
 use crate::memory::{head, head_mut, tail_mut};
 use crate::simd::{Indices, Isa, Lanes, MAX_LANES, Op};
 
-/// The corners of the cells that contain a block of samples at one level. A cell has 2 rows of corners along x in two
-/// dimensions, 4 in three.
+/// The corners of the cells that contain a block of samples at one level, in rows. A row is two corners that differ
+/// only in x. A cell has 2 rows in two dimensions and 4 rows in three.
 ///
 /// Let `g` be the gradient of the loss with respect to one encoded feature of sample `i`. For each row `r`, a trainer
 /// adds `weight[r][i] · (1 − x[i]) · g` to the gradient of the same feature of table entry `entry[r][i]`, and
-/// `weight[r][i] · x[i] · g` to the gradient of the next entry. Corners of one cell may share an entry; then all their
-/// gradients are added to that entry.
+/// `weight[r][i] · x[i] · g` to the gradient of the next entry. If several corners of a cell share an entry, the
+/// gradients of all these corners are added to this entry.
 #[derive(Debug)]
 pub struct GridCorners<'w> {
     /// `[rows][stride]`: index, counted over all levels, of the table entry at the row's smaller x.

@@ -7,9 +7,10 @@ use crate::simd::{Isa, Lanes, Op, Table, VECTORS, Value};
 
 /// Encodes a block of samples by a grid.
 ///
-/// `x`: `[inputs][stride]`, in the units of the box of `tables`. `out`: `[levels · features][stride]`. `stride`: number
-/// of samples. Unless it is a multiple of [`Isa::columns`], all samples are encoded one by one. A position outside of
-/// the box is moved onto the box's surface. A NaN is replaced by the smallest coordinate of the box on that axis.
+/// `x`: `[inputs][stride]`, in the coordinates of the box of `tables`. `out`: `[levels · features][stride]`. `stride`:
+/// number of samples. If `stride` is not a multiple of [`Isa::columns`], samples are encoded one by one. A position
+/// outside of the box is moved onto the box's surface. A NaN is replaced by the smallest coordinate of the box on that
+/// axis.
 ///
 /// A sample's values do not depend on the other samples of its block. Results are bit-identical whether the same table
 /// values are stored as f16, as f32, or as int8 with scales that are powers of two. All instruction sets find the same
@@ -112,9 +113,10 @@ impl<T: Value> Encode<'_, T> {
 }
 
 /// Encodes the positions `units`, 0 to 1 on each axis of the box, at one level. Writes the encoded values to `out`,
-/// `[outputs][stride]`, from column `first` on. `reads`: memory.
+/// `[outputs][stride]`, from column `first` on. `reads`: working memory, overwritten.
 ///
-/// Not inlined in WebAssembly: in a larger function V8 recomputes the level's constants for each vector.
+/// The function is not inlined in WebAssembly: in a larger function, V8 recomputes the level's constants for each
+/// vector.
 #[cfg_attr(target_arch = "wasm32", inline(never))]
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(

@@ -18,7 +18,8 @@ pub struct GridLevel {
     pub first: usize,
     /// Number of entries: one per vertex in a dense level, `2^log2_entries + cells[0]` in a hashed level.
     pub entries: usize,
-    /// Mask of the hash of (y, z), `2^log2_entries − 1`; `None` in a dense level, where each vertex has its own entry.
+    /// Bit mask that reduces the hash of (y, z) to an index of an entry, `2^log2_entries − 1`. `None` in a dense level,
+    /// where each vertex has its own entry.
     pub mask: Option<u32>,
 }
 

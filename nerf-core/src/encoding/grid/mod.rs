@@ -41,7 +41,7 @@ pub const MAX_GRID_LEVELS: usize = 32;
 pub const MAX_GRID_RESOLUTION: u16 = 16_384;
 /// Maximum of [`GridEncoding::log2_entries`], the binary logarithm of the size of a hash table.
 pub const MAX_LOG2_ENTRIES: u8 = 24;
-/// Maximum total number of table values of a grid. As f32 they take half a gibibyte, which a 32-bit host can address.
+/// Maximum total number of table values of a grid. As f32, 2^27 values take 512 MiB, which a 32-bit host can address.
 pub const MAX_GRID_VALUES: u64 = 1 << 27;
 
 /// Evaluates `$body` with `$table` bound to a [`Table`](crate::simd::Table) of `$values`. Compiles `$body` once for
@@ -66,8 +66,8 @@ macro_rules! with_table {
 }
 use with_table;
 
-/// A multiresolution grid of features. A level is dense if all its vertices fit into `2^log2_entries` entries; finer
-/// levels are hashed.
+/// A multiresolution grid of features. A level is dense if all its vertices fit into `2^log2_entries` entries. All
+/// other levels are hashed.
 ///
 /// Encoded values are ordered by level, then by feature; table values (`TableValues`) by level, by entry, then by
 /// feature. [`GridEncoding::levels`] gives the range of entries of each level.
@@ -160,7 +160,8 @@ impl GridEncoding {
         encode_grid_block(isa, self, tables, stride, x, out);
     }
 
-    /// Computes the backward pass through the encoding of a block of samples, for any function `f` of encoded values.
+    /// Computes the backward pass through the grid encoding of a block of samples: the gradient of a function `f` with
+    /// respect to the positions, from the gradient of `f` with respect to the encoded values.
     ///
     /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`, set to ∂f/∂x:
     /// `[inputs][stride]`. Unless `stride` is a multiple of [`Isa::columns`], all samples are computed one by one.

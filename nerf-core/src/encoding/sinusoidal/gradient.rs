@@ -6,7 +6,8 @@ use crate::memory::{head, head_mut, tail, tail_mut};
 use crate::simd::{Isa, Lanes, Op};
 use core::f32::consts::PI;
 
-/// Computes the backward pass through the encoding of a block of samples, for any function `f` of encoded values.
+/// Computes the backward pass through the sinusoidal encoding of a block of samples: the gradient of a function `f`
+/// with respect to the positions, from the gradient of `f` with respect to the encoded values.
 ///
 /// `encoded`: `[outputs][stride]`, from [`encode_block`](super::encode_block). `of_encoded`: `[outputs][stride]`,
 /// ∂f/∂encoded. `of_x`: `[inputs][stride]`, set to ∂f/∂x. `stride`: number of samples, as for `encode_block`.

@@ -19,7 +19,7 @@ pub(crate) use gradient::encode_gradient_block;
 /// Maximum number of levels of a sinusoidal encoding.
 pub const MAX_LEVELS: u8 = 16;
 
-/// The factor `s` in `sin(2^k s x)`.
+/// Angle scale of a sinusoidal encoding: the factor `s` in `sin(2^k s x)`, where `k` is the level and `x` an input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AngleScale {
     /// `s = 1`, as in the code of the NeRF paper's authors and in nerf-pytorch.
@@ -61,8 +61,8 @@ impl SinusoidalEncoding {
 
 /// Computes the sinusoidal encoding of a block of samples.
 ///
-/// `x`: `[inputs][stride]`; `out`: `[outputs][stride]`. `stride`: number of samples. Unless it is a multiple of
-/// [`Isa::columns`], all samples are encoded one by one.
+/// `x`: `[inputs][stride]`; `out`: `[outputs][stride]`. `stride`: number of samples. If `stride` is not a multiple of
+/// [`Isa::columns`], samples are encoded one by one.
 ///
 /// # Accuracy
 /// With [`MathBackend::Polynomial`], absolute error of at most 1.2e-7 at every level. If `s = π`, `2^k x` is exact and

@@ -10,8 +10,8 @@ fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
-/// Test inputs up to `limit`: ±0, subnormals, multiples of 2^-k and the adjacent floats, random numbers of all
-/// magnitudes.
+/// Test inputs of magnitude up to `limit`: ±0, subnormals, multiples of 2^-k and the adjacent floats, numbers of all
+/// magnitudes, and random numbers.
 fn hard(limit: f32) -> Vec<f32> {
     let mut all = vec![0.0, 1e-45, 1e-40, f32::MIN_POSITIVE, 1.0, 0.5f32.next_up(), 1.0 / 3.0, limit];
     for k in 0..=18 {

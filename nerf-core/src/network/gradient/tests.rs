@@ -13,8 +13,9 @@ use std::vec::Vec;
 
 const STRIDE: usize = 64;
 
-/// Largest rounding errors of one kernel. Relative: of one addition or multiplication in a sum, of a stored weight, of
-/// a stored activation. Absolute: of a sine or cosine.
+/// Largest rounding errors of one kernel. `sums`, `weights` and `activations` are relative errors: of one addition or
+/// multiplication, of one stored weight, of one stored activation. `trigonometry` is the absolute error of a sine or
+/// cosine.
 #[derive(Clone, Copy)]
 struct Rounding {
     sums: f64,

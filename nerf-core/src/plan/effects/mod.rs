@@ -25,7 +25,7 @@ pub struct Effects {
     pub jitter: Option<Jitter>,
     /// Number of rays per pixel, 1 to [`Effects::MAX_RAYS`]. With 1, the ray passes through the pixel's centre.
     pub anti_aliasing: u16,
-    /// A thin lens with an aperture; `None` for a pinhole, with which all distances are sharp.
+    /// A thin lens with an aperture; `None` for a pinhole, which is sharp at all distances.
     pub depth_of_field: Option<ThinLens>,
     /// Exposure, tone curve, linear output.
     pub tone: Tone,

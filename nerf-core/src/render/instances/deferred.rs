@@ -55,14 +55,15 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Returns the index range in `Deferred::sums` of the sums of field `member` on the rays `ray..ray + count`.
+    /// Returns the indices in `Deferred::sums` at which the sums of field `member` on the rays `ray..ray + count` are
+    /// stored.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };
         sums + ray * row..sums + (ray + count) * row
     }
 
-    /// Returns the index range in `Deferred::parts` of the hidden features of field `member` on ray `ray`.
+    /// Returns the indices in `Deferred::parts` at which the hidden features of field `member` on ray `ray` are stored.
     fn h(&self, member: usize, ray: usize) -> Range<usize> {
         let Place { h, rows, .. } = at(self.places, member);
         h + ray * rows..h + (ray + 1) * rows

@@ -1,4 +1,4 @@
-//! Rays through several fields. The bin edges of all fields cut a ray into segments of constant densities.
+//! Rays through several fields. The bin edges of all fields cut a ray into segments of constant density.
 //!
 //! A ray is composited segment by segment: densities add, and colours are averaged with densities as weights. When a
 //! ray reaches the next bin of a field, the ray waits until the field's network is evaluated there. Samples of rays
@@ -78,7 +78,7 @@ impl WorldRay {
 /// State and memory for rendering several fields in one frame.
 pub(in crate::render) struct Merge<'f, 'w> {
     instances: &'f [Instance<'f>],
-    /// Index, among a pixel's rays, of the ray that is rendered now; the same for all pixels of the tile.
+    /// Index of the current ray among the rays of its pixel; equal for all pixels of the tile.
     turn: u32,
     /// State of each ray in the coordinates of each field: `[instances][rays]`.
     rays: &'w mut [RayState],
@@ -86,13 +86,13 @@ pub(in crate::render) struct Merge<'f, 'w> {
     parts: &'w mut [Part],
     world: &'w mut [WorldRay],
     surface: Surface<'w>,
-    /// Contribution of each ray's direction to the colour branch ([`DirectionShares`]): for each instance, one table
-    /// `[rays][direction_rows]`. Instances may differ in `direction_rows`.
+    /// Contributions of ray directions to the colour branch ([`DirectionShares`]): one table `[rays][direction_rows]`
+    /// for each instance. Instances may differ in `direction_rows`.
     shares: &'w mut [f32],
     deferred: Deferred<'w>,
     /// Buffers of a block of samples, large enough for the network of any instance.
     density: Density<'w>,
-    /// Ray indices of those samples of a block for which colour or gradient is evaluated: `[samples]`.
+    /// Ray index of each sample of a block whose colour or gradient is evaluated: `[samples]`.
     picked: &'w mut [u32],
     /// Buffer `[3][samples]`: holds the directions of a block of rays, and later the colours of a block of samples.
     rgb: &'w mut [f32],
@@ -133,8 +133,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Returns a function that maps the camera's position to the distance, world units, of pixels without a surface:
-    /// the largest [`Plan::far_from`] of all fields, converted to world units.
+    /// Returns a function that takes the camera's position and returns the distance, world units, of pixels without a
+    /// surface: the largest [`Plan::far_from`] of all fields, converted to world units.
     pub fn far(&self) -> impl Fn(Vec3) -> f32 + use<'f> {
         let instances = self.instances;
         move |eye| {
@@ -144,8 +144,9 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Renders ray `pixels.turn` of each pixel of the tile. Passes each pixel to `target` after the pixel's last ray.
-    /// `COLLIDE`: whether a ray ends at a random collision, where its optical thickness reaches [`RaySource::until`].
+    /// Renders the ray of index `pixels.turn` of each pixel of the tile. Passes each pixel to `target` after the
+    /// pixel's last ray. `COLLIDE`: whether a ray ends at a random collision, where its optical thickness reaches
+    /// [`RaySource::until`].
     pub fn turn<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -208,7 +209,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Marches ray `i` to the next occupied bin of field `member`. Stores in `parts` the bin, or that there is none.
+    /// Marches ray `i` to the next occupied bin of field `member`. Stores the bin in `parts`, or [`Known::Nothing`] if
+    /// there is no such bin.
     fn next_part(&mut self, member: usize, i: usize) {
         let Some(Instance { renderer, plan, placement }) = self.instances.get(member) else { return };
         let place = member * self.world.len() + i;
@@ -229,7 +231,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         state.next += 1;
     }
 
-    /// Evaluates the part of field `member`'s colour branch that depends only on direction, for the first `count` rays.
+    /// Evaluates the contributions of ray directions to the colour branch of field `member` ([`DirectionShares`]), for
+    /// the first `count` rays.
     fn directions(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let first = member * self.world.len();
@@ -241,7 +244,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// If shading of field `member` is deferred, adds the field's colour, evaluated once per ray, to rays `0..count`.
+    /// Adds the colour of field `member`, evaluated once per ray, to the rays `0..count`. Does nothing unless the
+    /// field's shading is deferred.
     fn shade(&mut self, member: usize, count: usize, counters: &mut Counters) {
         let field = self.instances.get(member).map(|it| it.field());
         let Some(field) = field.filter(|field| field.shades_rays()) else { return };
@@ -256,7 +260,7 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 
     /// Evaluates and composites the samples that the first `count` rays wait for. Returns `false` if no ray waits.
-    /// `COLLIDE`: see `turn`.
+    /// `COLLIDE`: as in [`Merge::turn`].
     fn round<M: Math, const COLLIDE: bool>(&mut self, count: usize, counters: &mut Counters) -> bool {
         let mut any = false;
         for member in 0..self.instances.len() {
@@ -284,8 +288,9 @@ impl<'f, 'w> Merge<'f, 'w> {
         any
     }
 
-    /// Evaluates field `member` at the `n` samples in `self.density`, one per ray. Stores the results in `parts`. Does
-    /// not evaluate colours below the colour cut, unless `COLLIDE`, which ignores the cut.
+    /// Evaluates field `member` at the `n` samples in `self.density`, one per ray. Stores the results in `parts`. Skips
+    /// the colour and normal of a sample that has no density or whose weight cannot exceed the colour cut. `COLLIDE`:
+    /// the cut is ignored.
     fn ask<const COLLIDE: bool>(&mut self, member: usize, n: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let (field, first, density) = (it.field(), member * self.world.len(), &mut self.density);
@@ -346,7 +351,8 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
     }
 
-    /// Composites ray `i` up to the next sample that must be evaluated, or to the ray's end. `COLLIDE`: see `turn`.
+    /// Composites ray `i` up to the next sample that must be evaluated, or to the ray's end. `COLLIDE`: as in
+    /// [`Merge::turn`].
     fn advance<M: Math, const COLLIDE: bool>(&mut self, i: usize) {
         let (members, capacity) = (self.instances.len(), self.world.len());
         loop {
@@ -398,7 +404,7 @@ impl<'f, 'w> Merge<'f, 'w> {
 
     /// Composites the segment `from..to` of ray `i`, world units from the ray's start. `sigma`: sum of the fields'
     /// densities, 1/world unit. `counts_at`: distance that the segment contributes to the weighted mean `ray_distance`;
-    /// `None` for the segment's middle. `COLLIDE`: see `turn`.
+    /// `None` for the segment's middle. `COLLIDE`: as in [`Merge::turn`].
     fn composite<M: Math, const COLLIDE: bool>(
         &mut self,
         i: usize,

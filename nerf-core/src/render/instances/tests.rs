@@ -68,7 +68,7 @@ struct Seen {
     counters: Counters,
 }
 
-/// Passes a worker of the placed `fields`, or the error of making it, to `use_it`.
+/// Makes a worker of the placed `fields`, and passes the worker or the error to `use_it`.
 fn with_worker<T>(
     fields: &[(&[u8], Placement)],
     kernel: Kernel,
@@ -113,9 +113,9 @@ fn alone(file: &[u8], kernel: Kernel, camera: &Camera) -> Seen {
     view_of(&mut renderer.worker(&plan, &mut workspace).unwrap(), camera)
 }
 
-/// Largest difference of two images, for each of three kinds: colour and opacity; distances; normals. Differences of
-/// distances are divided by the `ray_distance` in `a`, or by 1 if that is larger. Distances and normals are compared at
-/// pixels of opacity above 0.1.
+/// Largest differences of two images in colour and opacity, in distances and in normals. Differences of distances are
+/// divided by the `ray_distance` in `a`, or by 1 if that is larger. Distances and normals are compared at pixels of
+/// opacity above 0.1.
 fn differences(a: &[Pixel], b: &[Pixel]) -> [f32; 3] {
     let mut worst = [0.0f32; 3];
     for (a, b) in a.iter().zip(b) {
@@ -133,7 +133,7 @@ fn differences(a: &[Pixel], b: &[Pixel]) -> [f32; 3] {
     worst
 }
 
-/// Two fields in one place, one without density: distances are the same whichever is first in the list.
+/// Distances of two fields in one place, of which one has no density, do not depend on the order of the instances.
 #[test]
 fn distances_do_not_depend_on_where_in_the_list_a_field_without_density_is() {
     let (dense, empty) = (fog(2.0, [0.5, 0.0, -0.5]), fog(0.0, [0.0; 3]));
@@ -231,7 +231,7 @@ fn a_field_is_the_same_wherever_it_stands_and_however_large_it_is() {
     }
 }
 
-/// Of two boxes, the nearer hides the farther, from either side and in either order of the instances.
+/// The nearer of two boxes hides the farther one, from either side and in either order of the instances.
 #[test]
 fn what_stands_in_front_hides_what_is_behind() {
     let (red, blue) = (fog(0.8, [9.0, -9.0, -9.0]), fog(0.6, [-9.0, -9.0, 9.0]));

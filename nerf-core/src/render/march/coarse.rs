@@ -1,5 +1,5 @@
-//! Coarse occupancy grid, for skipping empty space. A packet is a group of neighbouring rays. If a packet passes only
-//! empty cells, all rays of the packet are skipped. In other packets, empty intervals along the rays are skipped.
+//! Coarse occupancy grid, for skipping empty space. A packet is a group of neighbouring rays. If all cells along a
+//! packet are empty, all rays of the packet are skipped. In other packets, empty intervals along the rays are skipped.
 
 use crate::camera::Ray;
 use crate::plan::{Lattice, Plan};
@@ -98,7 +98,7 @@ pub(crate) fn set(bits: &mut [u8], at: usize) {
 #[derive(Clone, Copy, Debug)]
 pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
-    /// A box around all occupied cells, enlarged by `reach` on every side.
+    /// Box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
     /// Half the side, world units, of the cube covered by a lookup; the looked-up point is the cube's centre. If
     /// the bit of the point's block is 0, all cells in the cube are empty.
@@ -177,7 +177,7 @@ pub(in crate::render) struct CandidateBins {
 impl CandidateBins {
     pub const ALL: Self = Self { found: u64::MAX, first: 0.0, per_bin: 0.0, bins: 0.0 };
 
-    /// Finds the bins among `bins` that overlap intervals with possibly occupied cells. `start`: distance along the
+    /// Finds the bins among `bins` that overlap intervals in which occupied cells may lie. `start`: distance along the
     /// ray, world units, of the point from which the distances of `bins` are counted.
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;

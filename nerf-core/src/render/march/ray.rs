@@ -16,7 +16,7 @@ use glam::Vec3;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct RayState {
     pub pixel: PixelRay,
-    /// Where the ray's first and last bin are cut off, if the ray uses only a part of these bins.
+    /// Cuts of the ray's first and last bin, if the ray uses only a part of these bins.
     pub ends: Ends,
     /// Index of the next bin, or of the next drawn sample if a proposal network is used.
     pub next: u32,
@@ -55,7 +55,7 @@ impl RayState {
     }
 
     /// Sets the state to the start of the ray of pixel `(x, y)`. `range`: nearest and farthest visible distance, world
-    /// units. `span`: the part of the ray that is sampled, if any.
+    /// units. `span`: the sampled part of the ray; `None` if the ray has no samples.
     #[inline]
     pub fn begin(&mut self, (x, y): (u32, u32), ray: Ray, range: [f32; 2], span: Option<Span>) {
         *self = Self { pixel: PixelRay { ray, range, x, y, done: false, ..PixelRay::NONE }, ..Self::NONE };
@@ -65,8 +65,9 @@ impl RayState {
         }
     }
 
-    /// Advances `next` to the first bin at or after `next` with a sample in an occupied cell. Returns `false` if there
-    /// is none. `bins`: bins through which the ray is marched. `jitter`: position of each sample in its bin.
+    /// Advances `next` to the first bin at or after `next` whose sample is in an occupied cell. Returns `false` if
+    /// there is no such bin. `bins`: bins through which the ray is marched. `jitter`: position of each sample in its
+    /// bin.
     #[cfg_attr(target_os = "none", inline(never))]
     pub fn march(&mut self, isa: Isa, plan: &Plan<'_>, bins: &Bins, jitter: SampleJitter) -> bool {
         if VECTORS && self.march_looked_up() {
@@ -85,7 +86,8 @@ impl RayState {
         self.next < self.end
     }
 
-    /// Advances `next` to the first occupied bin in `window` from `next` on; returns `false` if `window` has none left.
+    /// Advances `next` to the first occupied bin of `window` at or after `next`; returns `false` if there is no such
+    /// bin.
     #[inline]
     pub fn march_looked_up(&mut self) -> bool {
         let found = self.window.left(self.next).filter(|&bin| bin < self.end);
@@ -110,7 +112,7 @@ pub(super) struct MarchAll<'a> {
     pub rays: &'a mut [RayState],
     /// Indices in `rays` of the rays to march.
     pub list: &'a [u32],
-    /// As [`LookUp::inner`]; `false` if the cells at the faces of the scene box are not known to be empty.
+    /// Whether all cells at the faces of the scene box are known to be empty ([`LookUp::inner`]).
     pub inner: bool,
 }
 
@@ -165,8 +167,8 @@ impl<'w> ActiveRays<'w> {
 /// Whether this build evaluates proposal networks.
 pub(in crate::render) const PROPOSAL_BUILT: bool = cfg!(feature = "proposal");
 
-/// Distances of the current tile's samples, drawn by importance sampling from the compositing weights that a proposal
-/// network gives. Empty in builds without proposals.
+/// Distances of the current tile's samples, drawn by importance sampling from the compositing weights of a proposal
+/// network. Empty in builds without proposals.
 pub(in crate::render) struct ProposalSamples<'w>([Rows<'w>; PROPOSAL_BUILT as usize]);
 
 /// Table of sample distances, one row per ray. Empty if the frame uses no proposal network: samples then lie in the
@@ -202,7 +204,7 @@ impl<'w> ProposalSamples<'w> {
         self.0.first().filter(|rows| rows.row > 0)
     }
 
-    /// Whether importance sampling is on: a proposal network's compositing weights decide where samples are drawn.
+    /// Whether importance sampling is on: samples are drawn from the compositing weights of a proposal network.
     #[inline]
     pub fn is_on(&self) -> bool {
         self.rows().is_some()
@@ -221,7 +223,8 @@ impl<'w> ProposalSamples<'w> {
     }
 
     /// Returns the position of the next sample along `ray`, in the units of `Density::t`. `column`: column of the block
-    /// for this sample. With a proposal network, also stores the sample's index, for [`ProposalSamples::interval`].
+    /// into which the caller puts the sample. With a proposal network, also stores the sample's index, for
+    /// [`ProposalSamples::interval`].
     #[inline]
     pub fn take(
         &mut self,
@@ -238,8 +241,8 @@ impl<'w> ProposalSamples<'w> {
         at(rows.of(ray), state.next as usize)
     }
 
-    /// Returns the interval of `ray` over which the density of the sample in column `column` of the block is used. `t`:
-    /// position of this sample, from [`ProposalSamples::take`].
+    /// Returns the interval, on `ray`, of the sample in column `column` of the block: the density is taken as constant
+    /// over this interval. `t`: position of the sample, from [`ProposalSamples::take`].
     #[inline]
     pub fn interval(
         &self,
@@ -281,8 +284,8 @@ impl<'w> ProposalSamples<'w> {
     }
 
     /// Draws the samples of a ray in proportion to the weights of its proposal bins `coarse`. Reads the weights from
-    /// row `from`, writes the samples' distances to row `to` and returns the number of samples. `jitter`: where each
-    /// sample lies within its stratum.
+    /// row `from`, writes the samples' distances to row `to` and returns the number of samples. `jitter`: position of
+    /// each sample within its stratum.
     ///
     /// Requires `to <= from`. `to` is smaller if the caller has dropped earlier rays without samples in occupied cells.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {

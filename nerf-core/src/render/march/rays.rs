@@ -25,24 +25,26 @@ const PACKET: (u32, u32) = (4, 4);
 /// The rays of the current tile that may have a sample in an occupied cell.
 pub(in crate::render) struct Rays<'f, 'w> {
     field: Field<'f>,
-    /// A box around all occupied cells of the occupancy grid; `None` if there is no occupied cell or no grid.
+    /// Box around all occupied cells of the occupancy grid; `None` without a grid or if no cell is occupied.
     occupied: Option<SceneBox>,
     /// Whether all cells at the faces of the scene box are empty (`LookUp::inner`). Always `false` in builds without
     /// vector instructions, to keep these builds small.
     inner: bool,
     packets: [Option<Packets<'f>>; VECTORS as usize],
     pub states: &'w mut [RayState],
-    /// Number of the tile's rays that are stored, at the start of `states`.
+    /// Number of rays of the tile that are stored, at the start of `states`. Other rays have no sample in an occupied
+    /// cell.
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Index, among a pixel's rays, of the ray that is rendered now; the same for all pixels of the tile.
+    /// Index of the current ray among the rays of its pixel; equal for all pixels of the tile.
     pub turn: u32,
 }
 
 impl<'f, 'w> Rays<'f, 'w> {
-    /// Reserves memory for a batch of rays. `occupied`: box around all occupied cells. `packets`: the packet test, if
-    /// used. `drawn`: number of values that [`ProposalSamples`] stores for each ray; 0 without proposal.
+    /// Reserves memory for a batch of rays. `occupied`: box around all occupied cells. `packets`: the packet test;
+    /// `None` if it is not used. `drawn`: number of values that [`ProposalSamples`] stores for each ray; 0 without a
+    /// proposal network.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,
@@ -66,8 +68,9 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Marches the ray that `source` gives for each pixel to its first sample in an occupied cell. If a ray has no such
-    /// sample, adds the ray's result to its pixel at once. `COLLIDE`: whether rays end at random collisions.
+    /// Takes the ray of each pixel from `source`, and marches the ray to its first sample in an occupied cell. If a ray
+    /// has no such sample, adds the ray's result to its pixel at once. `COLLIDE`: whether rays end at random
+    /// collisions.
     pub fn start<M: Math, const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
@@ -236,7 +239,7 @@ impl<'f, 'w> Rays<'f, 'w> {
     }
 }
 
-/// Sets `state` to the start of a pixel's ray. `intervals`: intervals along the ray that may have occupied cells.
+/// Sets `state` to the start of a pixel's ray. `intervals`: intervals along the ray in which occupied cells may lie.
 /// `COLLIDE`: whether the ray ends where its optical thickness reaches [`RaySource::until`] of `source`.
 fn begin<const COLLIDE: bool>(
     plan: &Plan<'_>,

@@ -23,7 +23,7 @@ pub(in crate::render) struct Window {
 impl Window {
     pub const NONE: Self = Self { end: 0, occupied: 0 };
 
-    /// Returns the index of the window's first occupied bin at or after bin `from`; `None` if there is none.
+    /// Returns the index of the window's first occupied bin at or after bin `from`; `None` if there is no such bin.
     #[inline]
     pub fn left(&self, from: u32) -> Option<u32> {
         let left = if from < self.end { self.occupied >> (from + WIDTH - self.end) } else { 0 };
@@ -39,8 +39,9 @@ pub(super) struct LookUp<'a> {
     pub bins: &'a Bins,
     /// The bins to look up. All other bins are treated as empty.
     pub candidates: &'a CandidateBins,
-    /// `true` only if all cells at the faces of the scene box are empty. A bin outside of the box is looked up in such
-    /// a cell; if `inner` is `false`, an occupied bin must be tested against the box, too.
+    /// Whether all cells at the faces of the scene box are known to be empty. A bin outside the box is looked up in one
+    /// of these cells. If `inner` is `false`, a bin that is found occupied must therefore be tested against the box,
+    /// too.
     pub inner: bool,
 }
 

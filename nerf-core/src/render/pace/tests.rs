@@ -35,7 +35,7 @@ fn camera(width: u32, height: u32) -> Camera {
     Camera::new(Intrinsics::centred(width, height, width as f32), Lens::NONE, pose).unwrap()
 }
 
-/// Measured times: `times` at the first points, infinity at all others.
+/// Makes a [`Pace`] with the measured times `times` at the first points, and infinity at all other points.
 fn pace_of(times: &[f32]) -> Pace {
     let mut pace = Pace::UNKNOWN;
     pace.milliseconds[..times.len()].copy_from_slice(times);

@@ -33,7 +33,8 @@ fn full([width, height]: [u32; 2]) -> Rect {
     Rect { x: 0, y: 0, width, height }
 }
 
-/// Renders with a workspace of exactly `picture_workspace_lines`. Checks that pixels arrive row by row.
+/// Renders pixels of a 2D field with a workspace of exactly `picture_workspace_lines`. Checks that pixels arrive row by
+/// row.
 fn draw(
     renderer: &Renderer<'_>,
     math: MathBackend,
@@ -217,7 +218,7 @@ fn what_is_no_number_is_black_and_counted() {
     }
 }
 
-/// Error of `render_picture` with a workspace of `lines` lines. Panics if a pixel is written.
+/// Returns the error of `render_picture` with a workspace of `lines` lines. Panics if a pixel is written.
 fn refused(renderer: &Renderer<'_>, batch: Batch, size: [u32; 2], rect: Rect, lines: usize) -> RenderError {
     let mut workspace = vec![Line::UNINIT; lines];
     let mut put = |_: u32, _: u32, _: [f32; 3]| panic!("nothing is written");

@@ -42,7 +42,7 @@ fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
 struct PixelSum {
     rgb: [Sum; 3],
     opacity: Sum,
-    /// Sum of the opacities of the rays that meet a surface: rays of opacity above [`OPACITY_EPSILON`]. The sums of
+    /// Sum of opacity over the rays that meet a surface: rays of opacity above [`OPACITY_EPSILON`]. The sums of
     /// distances are divided by this sum.
     surface: Sum,
     /// Sum of opacity times `ray_distance`, over the rays that meet a surface.
@@ -133,9 +133,9 @@ impl<'w> Sums<'w> {
         Self { pixels, surfaces: layout.slice(surfaces, SurfaceSum::default()) }
     }
 
-    /// Adds `pixel`, the result of ray `ray`, to the sums of the tile's pixel of index `index`. After the pixel's last
-    /// ray, sets `pixel` to the mean of the rays and returns `true`; else returns `false`. `far`: output distance of
-    /// pixels that show no surface.
+    /// Adds `pixel`, the result of ray `ray`, to the sums of pixel `index` of the tile. After the pixel's last ray,
+    /// sets `pixel` to the mean of the rays and returns `true`; else returns `false`. `far`: distance, world units,
+    /// that is output for a pixel without a surface.
     #[inline]
     pub fn add(&mut self, effects: &Effects, index: usize, ray: u32, pixel: &mut Pixel, far: f32) -> bool {
         let rays = rays(effects);

@@ -33,8 +33,8 @@ impl<'w> Medians<'w> {
     /// Whether the sample last added to `gathered` is the first to lower the transmittance of `ray` below one half. The
     /// caller then calls [`Medians::put`]. Always `false` if median distances are not requested.
     ///
-    /// The comparison is `<`, as for the transmittance threshold. Therefore, even if that threshold is one half, a ray
-    /// does not end before its median.
+    /// The comparison is `<`, as in the test that ends a ray below the transmittance cut. Therefore, a ray with a cut
+    /// of one half does not end before its median.
     #[inline]
     pub fn passes(&self, ray: u32, gathered: &Accumulator) -> bool {
         let distance = self.distance.get(ray as usize);
@@ -42,7 +42,8 @@ impl<'w> Medians<'w> {
     }
 
     /// Computes and stores the median distance of `ray`, which lies in the interval of middle `mid` and width `delta`,
-    /// world units. `sigma`: density there, 1/world unit. `before`: optical thickness in front of the interval.
+    /// world units. `sigma`: density of the interval, 1/world unit. `before`: optical thickness in front of the
+    /// interval.
     pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
         if let Some(distance) = self.distance.get_mut(ray as usize) {
             *distance = median_in_bin(before, sigma, mid, delta);

@@ -1,4 +1,4 @@
-//! Makes the rays of each pixel, and computes the pixel's outputs from the results of its rays.
+//! Rays of each pixel, and outputs of the pixel, computed from the results of its rays.
 //!
 //! Each effect has two files with the same interface: one implements the effect, and the other does nothing, for builds
 //! without the effect's feature.

@@ -14,12 +14,13 @@ use glam::Vec3;
 pub(in crate::render) struct Pixels<'f, 'w> {
     pub plan: &'f Plan<'f>,
     sums: Sums<'w>,
-    /// Index, among the rays of a pixel, of the ray that is rendered now; the same for all pixels of the tile.
+    /// Index of the current ray among the rays of its pixel; equal for all pixels of the tile.
     pub turn: u32,
     pub tile: Rect,
     /// Whether colour is composited over the plan's background (`true`) or over black (`false`).
     pub background: bool,
-    /// Axis along which z_depth is measured, in the coordinates of the rays; 0 if the caller gives no axis.
+    /// Axis along which z_depth is measured, a unit vector in the coordinates of the rays; 0 if the caller gives no
+    /// axis.
     pub forward: Vec3,
     pub placed: Placed,
     pub counters: Counters,
@@ -61,7 +62,8 @@ impl<'f, 'w> Pixels<'f, 'w> {
         self.put::<M>((ray.x, ray.y), seen, far, target);
     }
 
-    /// Adds a ray without samples to its pixel; `end`: the ray's farthest visible distance, world units.
+    /// Adds the result of a ray without samples to pixel `(x, y)`. `end`: the ray's farthest visible distance, world
+    /// units.
     pub fn miss<M: Math>(
         &mut self,
         (x, y): (u32, u32),

@@ -10,12 +10,13 @@ use crate::simd::{Isa, MAX_LANES};
 use crate::volume::Accumulator;
 use glam::Vec3;
 
-/// Source of the rays of a tile: gives each pixel's ray, the visible range of the ray, and the distance that is output
-/// for a pixel without a surface.
+/// Source of the rays of a tile. For each pixel, returns the ray, the visible range of the ray, and the distance that
+/// is output if the pixel shows no surface.
 pub(in crate::render) trait RaySource {
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// The camera, and the ray's position in every pixel: distances from the pixel's left and upper edge, in pixels.
-    /// `None` if the source is no camera, or if the camera has depth of field or a lens other than [`Lens::NONE`].
+    /// Returns the camera, and the position of its ray in every pixel: distances from the pixel's left and upper edge,
+    /// in pixels. `None` if the source is not a camera, or if the camera has depth of field or a lens other than
+    /// [`Lens::NONE`].
     fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
         None
     }
@@ -32,8 +33,9 @@ pub(in crate::render) trait RaySource {
     }
     /// Returns the nearest and the farthest visible distance along `ray`, the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Distance for a pixel without a surface, world units. The caller outputs the smaller one of this distance and the
-    /// ray's farthest visible distance. `x`: column of the pixel, from which [`OwnRays`] finds the pixel's ray.
+    /// Returns the distance, world units, for a pixel without a surface. The caller outputs this distance or the ray's
+    /// farthest visible distance, whichever is smaller. `x`: column of the pixel, from which [`OwnRays`] finds the
+    /// pixel's ray.
     fn far(&self, x: u32) -> f32;
     /// Returns the optical thickness at which the photon of column `x`'s ray collides; infinity without collisions.
     fn until(&self, _x: u32) -> f32 {
@@ -56,8 +58,9 @@ pub(in crate::render) struct CameraRays<'a, L> {
 }
 
 impl<'a, L> CameraRays<'a, L> {
-    /// Makes the source of the ray with index `turn` of every pixel. `limit`: function that takes a pixel's x and y and
-    /// returns the ray's end. `far`: distance, world units, that is output for pixels without a surface.
+    /// Makes the source of the rays that have index `turn` in their pixels. `limit`: function that takes a pixel's x
+    /// and y and returns the end of the pixel's ray. `far`: distance, world units, that is output for pixels without a
+    /// surface.
     pub fn new(camera: &'a Camera, effects: &'a Effects, turn: u32, limit: &'a L, far: f32) -> Self {
         let (offset, area) = (anti_aliasing::offset(effects, turn), depth_of_field::area(effects, turn));
         Self { camera, effects, offset, area, limit, far, forward: camera.pose().forward() }
@@ -169,7 +172,8 @@ impl Limit {
 /// The ray of a pixel, and the sums composited along the ray so far.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PixelRay {
-    /// The ray. In a frame of one field, the origin is moved to the point from which distances of samples are counted.
+    /// The pixel's ray. In a frame of one field, the origin is moved to the point from which distances of samples are
+    /// counted.
     pub ray: Ray,
     /// Distance, world units, from the ray's original origin to the point from which sample distances are counted.
     pub start: f32,

@@ -1,4 +1,4 @@
-//! Rectangles of pixels, and the target of finished pixels.
+//! Rectangles of pixels, and the receiver of finished pixels.
 
 use crate::camera::Camera;
 use crate::volume::Pixel;

@@ -1,4 +1,4 @@
-//! Median distance and normal of a ray, the outputs that describe the surface that the ray meets.
+//! Median distance and normal of a ray: the outputs that describe a surface on the ray.
 //!
 //! No memory is reserved for an output that is not requested.
 

@@ -46,14 +46,14 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Returns the memory for the contributions of the rays' directions to the colour branch, and a buffer
-    /// `[3][stride]`, which holds the directions of rays first and the colours of samples later.
+    /// Returns two buffers: contributions of ray directions to the colour branch, and a buffer `[3][stride]` that holds
+    /// directions of rays first and colours of samples later.
     pub fn shares(&mut self, field: Field<'_>) -> (DirectionShares<'_>, &mut [f32]) {
         (DirectionShares { values: self.shares, block: field.block_samples() }, self.rgb)
     }
 
-    /// Evaluates the colours of the samples picked from a block, and adds each colour to its sample's ray. If the
-    /// picked samples fill less than [`QUEUED_BELOW`] of the block, queues the samples instead.
+    /// Evaluates the colours of the samples that compositing picked from a block, and adds each colour to its sample's
+    /// ray. If the picked samples fill less than [`QUEUED_BELOW`] of the block, queues the samples instead.
     pub fn run(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if picks.count * QUEUED_BELOW.1 < tile.density.owner.len() * QUEUED_BELOW.0 {
             return self.queue(tile, picks, counters);
@@ -69,7 +69,8 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Queues the samples picked from the block; evaluates the colour branch whenever the queue is full.
+    /// Queues the samples that compositing picked from the block; evaluates the colour branch whenever the queue is
+    /// full.
     fn queue(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         let (room, stride) = (self.owner.len(), tile.density.scratch.stride);
         for (column, weight) in picks.iter() {
@@ -118,8 +119,8 @@ fn add_colour(rays: &mut [RayState], owner: u32, weight: f32, colour: [f32; 3], 
     }
 }
 
-/// Contribution of each ray's direction to the layer of the colour branch that reads directions:
-/// `[rays][direction_rows]`.
+/// Contribution of each ray's direction to the colour branch, `[rays][direction_rows]`: the bias of the layer that
+/// takes the encoded direction, plus the products of this layer's weights with the encoded direction.
 pub(in crate::render) struct DirectionShares<'w> {
     pub values: &'w mut [f32],
     /// Number of rays whose directions are encoded together.

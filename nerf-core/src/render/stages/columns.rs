@@ -1,8 +1,8 @@
 //! Ray marching with deferred shading, one ray per column of a block: vector instructions march one ray per SIMD lane.
 //!
 //! A column holds a ray from the ray's first sample to its last; then the next active ray takes the column. When fewer
-//! rays are left than a vector has lanes, the module `compositing` marches the rest. The results are bit-identical to
-//! those of `compositing` alone.
+//! rays are left than a vector has lanes, the module `compositing` marches the remaining rays. The results are
+//! bit-identical to those of `compositing` alone.
 
 use super::TileState;
 use super::per_ray::Deferred;
@@ -22,7 +22,8 @@ use core::marker::PhantomData;
 /// per ray. Terms of the sum: origin, direction, position, interval, least distance, bin cuts, compositing state.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
-/// Whether all samples lie in the middle of bins in world units, so that a bin's index gives its sample's position.
+/// Whether each sample lies in the middle of its bin and bins are in world units. A bin's index then determines the
+/// sample's position.
 fn in_middles(plan: &Plan<'_>) -> bool {
     plan.contraction.is_none() && plan.effects.jitter.is_none()
 }
@@ -93,14 +94,15 @@ struct Columns<'a> {
     owner: [u32; BLOCK],
     origins: &'a mut [Row; 3],
     dirs: &'a mut [Row; 3],
-    /// Position of each column's sample along the ray, in the unit of the bins; if [`in_middles`], the bin's index.
+    /// Position of each column's sample along the ray, in the unit of the plan's bins; the bin's index if
+    /// [`in_middles`] is true.
     t: &'a mut Row,
     /// Two rows: the distance that each sample contributes to the mean `ray_distance`, and the width of each sample's
     /// interval. Both in world units.
     intervals: &'a mut [Row; 2],
     /// Least distance of a sample on each ray, world units ([`Plan::least_distance`]). Used in unbounded scenes only.
     near: &'a mut Row,
-    /// Where each ray's first and last bin are cut, in the unit of the bins: a row for each value of [`Ends::parts`].
+    /// Cuts of each ray's first and last bin, in the unit of the bins: one row for each value of [`Ends::parts`].
     ends: &'a mut [Row; Ends::PARTS],
     /// Compositing state of each ray, without colour: transmittance, and sums over the samples composited so far.
     gathered: &'a mut side_by_side::Rows,
@@ -109,7 +111,7 @@ struct Columns<'a> {
 }
 
 impl<'a> Columns<'a> {
-    /// Divides `memory`, `[rows][BLOCK]`, into rows; `None` if `memory` is too short.
+    /// Divides `memory`, `[rows][BLOCK]`, into rows; returns `None` if `memory` is too short.
     fn new(plan: &'a Plan<'a>, memory: &'a mut [f32]) -> Option<Self> {
         let (rows, _) = memory.as_chunks_mut();
         let (origins, rows) = rows.split_first_chunk_mut()?;
@@ -221,7 +223,8 @@ impl<'a> Columns<'a> {
     }
 }
 
-/// Vector loop that computes position (into `to`, `[3][stride]`) and interval of the sample in each column.
+/// Vector loop that computes the position and the interval of the sample in each column. `to`: positions,
+/// `[3][stride]`.
 struct Samples<'a, 'c> {
     stride: usize,
     columns: &'a mut Columns<'c>,

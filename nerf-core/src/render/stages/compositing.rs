@@ -41,7 +41,8 @@ impl<'w> Compositing<'w> {
         }
     }
 
-    /// Iterates over the picked samples of the block: the column of each sample, and the weight of the sample's colour.
+    /// Iterates over the samples of the block that were picked for colour or normal. Yields each sample's column, and
+    /// the weight of its colour and normal.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
         let picked = head(self.picked, self.count).iter().zip(&*self.weight);
@@ -178,8 +179,8 @@ impl<M: Math> Op for Absorb<'_, M> {
     }
 }
 
-/// Vector loop for unbounded scenes: writes to `to`, `[2][room]`, the distance of each sample and the width of its
-/// interval, world units. `room`: largest number of samples of a block.
+/// Vector loop for unbounded scenes that computes the distance of each sample and the width of its interval, world
+/// units. `to`: a row of distances and a row of widths, `[2][room]`. `room`: largest number of samples of a block.
 struct Intervals<'a> {
     plan: &'a Plan<'a>,
     columns: usize,

@@ -43,7 +43,7 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Puts the sample of ray `owner` at distance `t`, in the units of [`Density::t`], into column `column`.
+    /// Puts the sample at distance `t` on ray `owner` into column `column`. `t`: in the units of [`Density::t`].
     #[inline]
     pub fn put(&mut self, column: usize, owner: u32, t: f32) {
         put(self.owner, column, owner);
@@ -70,8 +70,8 @@ impl<'w> Density<'w> {
         }
     }
 
-    /// Evaluates trunk and density head for the first `n` samples of `self.positions`, which is `[3][stride]` with a
-    /// stride of [`Field::columns`].
+    /// Evaluates trunk and density head for the first `n` samples of `self.positions`: `[3][stride]`, where the stride
+    /// is [`Field::columns`] of `n`.
     pub fn evaluate(&mut self, field: Field<'_>, n: usize) {
         (self.count, self.scratch.stride) = (n, field.columns(n));
         field.network.trunk(field.plan.math, &mut self.scratch, self.positions);
@@ -79,7 +79,8 @@ impl<'w> Density<'w> {
     }
 }
 
-/// Vector loop for unbounded scenes: converts samples' positions to the network's space, into `to`: `[3][stride]`.
+/// Vector loop for unbounded scenes that computes the points of samples in the network's space. `t`: distances, as in
+/// [`Density::t`]. `to`: points, `[3][stride]`.
 struct Place<'a> {
     spacing: Spacing<'a>,
     stride: usize,
@@ -132,8 +133,8 @@ pub(super) fn of_rays<V: Lanes, const N: usize>(
     values
 }
 
-/// Moves the `rows` rows of a block together, in place, so that a row begins every `to` values instead of every `from`
-/// values. Keeps the first `n` values of each row. Does nothing if `to` is not less than `from`.
+/// Reduces the stride of a block, in place, from `from` to `to` values per row. Keeps the first `n` values of each of
+/// the `rows` rows. Does nothing unless `to < from`.
 pub(in crate::render) fn narrow(block: &mut [f32], rows: usize, [from, to]: [usize; 2], n: usize) {
     if to < from {
         for row in 1..rows {

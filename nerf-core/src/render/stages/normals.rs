@@ -35,7 +35,7 @@ impl<'w> Normals<'w> {
         }
     }
 
-    /// Queues the samples picked from a block. Calls [`Normals::flush`] whenever the queue is full.
+    /// Queues the samples that compositing picked from a block. Calls [`Normals::flush`] whenever the queue is full.
     pub fn queue(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         if !tile.field.plan.outputs.normals {
             return;

@@ -48,7 +48,7 @@ impl<'w> Deferred<'w> {
         PER_RAY_BUILT && self.row > 0
     }
 
-    /// Zeroes the weighted sums of hidden features `h` of the first `count` rays.
+    /// Zeroes the weighted sums of hidden features `h` for the first `count` rays.
     pub fn begin(&mut self, count: usize) {
         if self.is_on() {
             head_mut(self.sums, count * self.row).fill(0.0);

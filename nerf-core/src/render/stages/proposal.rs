@@ -1,7 +1,8 @@
 //! Coarse pass of a scene with a proposal network: selects the samples at which the scene's network is evaluated.
 //!
 //! The rays of a tile are marched through the proposal's bins with the proposal network, which outputs only densities.
-//! Each ray draws its samples from the resulting compositing weights. The rest of the frame is as without a proposal.
+//! Each ray draws its samples from the resulting compositing weights. All later stages are as in a scene without a
+//! proposal network.
 
 use super::TileState;
 use crate::blob::Blob;
@@ -19,9 +20,9 @@ use crate::volume::Accumulator;
 #[cfg(all(test, feature = "proposal"))]
 mod tests;
 
-/// Transmittance below which a ray's march through the proposal's bins ends. The bins behind would get less than a
-/// thousandth of the drawn samples. [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut) has no
-/// effect here, so that a change of that setting does not move samples.
+/// Transmittance below which a ray's march through the proposal's bins ends. The bins behind that point would get less
+/// than a thousandth of the drawn samples. [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut) has
+/// no effect here, so that a change of that setting does not move samples.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
 /// Proposal network of a scene; empty if the scene has none, or in a build without the feature `proposal`.
@@ -34,8 +35,9 @@ impl<'a> Proposer<'a> {
         blob.proposal().filter(|_| PROPOSAL_BUILT).map_or(0, |it| it.architecture().density_parameters())
     }
 
-    /// Decodes the proposal network's parameters from the blob's f16 into `to`, which has one element per parameter.
-    /// `storage`: format to write. With [`Storage::Bf16`], two weights share an element, and some elements are unused.
+    /// Decodes the proposal network's parameters from the blob's f16 values into `to`, which has one element per
+    /// parameter. `storage`: format to write. With [`Storage::Bf16`], two weights share an element, and some elements
+    /// are unused.
     pub fn unpack(blob: &Blob<'_>, storage: Storage, to: &mut [f32]) {
         if let Some(proposal) = blob.proposal().filter(|_| PROPOSAL_BUILT) {
             Weights::unpack(&proposal.architecture(), storage, proposal.weights, to);
@@ -78,7 +80,8 @@ impl<'a> Proposer<'a> {
 
 /// Evaluates the proposal network along the tile's rays, and draws each ray's samples from the compositing weights.
 ///
-/// A ray without a sample in an occupied cell is added to its pixel; other rays move to the start of `rays.states`.
+/// If a ray has no sample in an occupied cell, its result is added to its pixel. All other rays are moved to the start
+/// of `rays.states`.
 pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
     TileState { field, rays, density, .. }: &mut TileState<'_, '_>,

@@ -1,5 +1,5 @@
-//! Whatever the batch, a frame has the same pixels and the same numbers of evaluations as a reference that evaluates
-//! one sample at a time.
+//! Tests of batch sizes: with every batch, a frame has the same pixels and numbers of evaluations as a reference that
+//! evaluates one sample at a time.
 
 use super::*;
 use crate::math::polynomial::Polynomial;

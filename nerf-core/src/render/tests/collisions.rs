@@ -1,4 +1,4 @@
-//! Collisions drawn along rays: their mean colour is the composited colour.
+//! Tests of collisions drawn along rays: their mean colour is the composited colour.
 
 use super::segments::{of_rays, pixels, scenes, segments};
 use super::*;

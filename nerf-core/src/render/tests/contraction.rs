@@ -1,4 +1,4 @@
-//! Frames of unbounded scenes, compared with a reference in f64.
+//! Tests of frames of unbounded scenes, compared with a reference in f64.
 
 use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
@@ -46,8 +46,8 @@ fn camera_at(eye: Vec3, target: Vec3) -> Camera {
     Camera::new(Intrinsics::centred(SIDE, SIDE, SIDE as f32), Lens::NONE, pose).unwrap()
 }
 
-/// Cameras at the centre, at 0.7 radii facing it, at 1.5 radii looking past it, and at 100 radii facing it and facing
-/// away.
+/// Five cameras. Distances from the centre and view directions: at the centre; at 0.7 radii facing the centre; at 1.5
+/// radii looking past it; at 100 radii facing it; at 100 radii facing away.
 fn cameras() -> [Camera; 5] {
     let dir = Vec3::new(0.3, 0.5, 0.8).normalize();
     [
@@ -70,12 +70,12 @@ struct Steps {
     step: f64,
     origin: [f64; 3],
     dir: [f64; 3],
-    /// Distance from the ray's origin to its point nearest to the centre, or 0 if that point is behind the origin.
+    /// Distance from the ray's origin to the ray's point nearest to the centre; 0 if that point is behind the origin.
     start: f64,
     enter: f64,
     end: f64,
-    /// Position of the scene's far end, which cuts the bin that contains it. The sample of this bin is in the middle,
-    /// in `s`, of the part in front of the cut.
+    /// Position `s` of the scene's far end. The bin that contains it is cut there, and has its sample in the middle, in
+    /// `s`, of the part in front of the cut.
     far: f64,
 }
 
@@ -157,7 +157,7 @@ fn contracted(step: f32, power: u8) -> SceneSampling {
     SceneSampling::Contracted { step, power }
 }
 
-/// In a fog, the optical thickness of a ray is density times length, for any direction and range of the ray.
+/// The optical thickness of a ray through a fog is density times length, for any direction and range of the ray.
 #[test]
 fn a_fog_everywhere_is_as_thick_as_the_way_through_it() {
     let sigma = 0.0078125;
@@ -247,7 +247,7 @@ fn no_occupied_cell_is_missed_and_no_other_asked() {
 }
 
 /// A field that is occupied only inside the ball looks the same in an unbounded and in a bounded scene, except that the
-/// samples lie at other places. The range of both plans begins at `near`: otherwise the bounded scene's march would
+/// positions of samples differ. The range of both plans begins at `near`; otherwise the bounded scene's march would
 /// begin at the camera, in front of `near`.
 #[test]
 fn what_lies_in_the_ball_is_seen_as_in_a_bounded_scene() {
@@ -323,8 +323,8 @@ fn plane(radii: f64, tilt: [f32; 2], power: u8) -> (Vec<u8>, Vec<f32>, SceneFact
     (bytes(&Body { content: Content::Scene(facts.clone()), ..body(a, None, &weights) }), all, facts)
 }
 
-/// Seen from the centre, a plane's output distances lie in the bin that contains the plane. Its normal has the
-/// direction of the density gradient there. Distances and normal are in world space.
+/// The output distances of a plane, seen from the centre, lie in the bin that contains the plane. The plane's normal
+/// has the direction of the density gradient. Distances and normal are in world space.
 #[test]
 fn distances_and_normals_of_a_plane_are_the_world_s() {
     for (power, radii) in Contraction::POWERS.into_iter().flat_map(|p| [0.1, 1.0, 10.0, 1e3].map(|r| (p, r)))
@@ -500,7 +500,7 @@ fn bins_tile_the_ray() {
     }
 }
 
-/// A scene in other units has the same image, with distances in these units.
+/// A scene scaled to other units has the same image. The output distances are scaled with the scene.
 #[cfg(feature = "grid")]
 #[test]
 fn the_scene_in_other_units_gives_the_same_picture() {

@@ -1,4 +1,5 @@
-//! Deferred shading, compared with a reference renderer in f64. `h` is composited, and each ray is shaded once.
+//! Tests of deferred shading, compared with a reference renderer in f64. `h` is composited, and each ray is shaded
+//! once.
 
 use super::*;
 use crate::blob::{Body, StoredTables};
@@ -13,8 +14,9 @@ mod several;
 
 use oracle::Oracle;
 
-/// Architecture with a grid encoding and at most one trunk layer. `hidden`: the layer's width, and whether it is a skip
-/// layer; empty without a layer. The composited `h` is the layer's output, or without a layer the encoding.
+/// Architecture with a grid encoding and at most one trunk layer. `hidden`: width of the trunk layer, and whether it is
+/// a skip layer; empty for no trunk layer. The composited `h` is the output of the trunk layer or, without one, the
+/// encoding.
 fn shape(hidden: &[(u16, bool)], density: DensityActivation) -> Architecture {
     let resolutions = [[4; 3], [7, 8, 9], [17; 3]].into_iter().collect();
     Architecture {

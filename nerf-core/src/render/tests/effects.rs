@@ -1,11 +1,11 @@
-//! Properties of effects, tested on whole frames.
+//! Tests of effects on whole frames.
 
 use super::*;
 use crate::plan::{Effects, Jitter, ThinLens, Tone, ToneMap};
 
 const LENS: ThinLens = ThinLens { aperture_radius: 0.2, focus_distance: 3.5 };
 
-/// No effect, each effect of this build alone, and all effects together.
+/// Sets of effects: none, each effect of this build alone, and all effects together.
 fn each() -> Vec<Effects> {
     let none = Effects::NONE;
     let (jitter, depth_of_field) = (Some(Jitter { seed: 3 }), Some(LENS));

@@ -1,4 +1,4 @@
-//! Frames of scenes whose position encoding is a learned grid.
+//! Tests of frames of scenes whose position encoding is a learned grid.
 
 use super::*;
 use crate::blob::{Body, StoredTables};

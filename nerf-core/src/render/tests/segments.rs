@@ -1,5 +1,5 @@
-//! The visible range of a ray can be set by the caller's ray, by a camera's limit or by the plan. All three give the
-//! same pixels.
+//! Tests of the visible range of a ray, which the caller's ray, a camera's limit or the plan can set. All three give
+//! the same pixels.
 
 use super::*;
 use crate::blob::{Body, Content, SceneFacts, SceneSampling};
@@ -38,7 +38,8 @@ pub(super) fn segments(t_min: f32, t_max: f32) -> Vec<RaySegment> {
     (0..SIZE * SIZE).map(|i| RaySegment { ray: ray(i), t_min, t_max }).collect()
 }
 
-/// The `count` pixels that `render` draws with a worker of `file`. `t_min` and `t_max`: range of the worker's plan.
+/// Returns the `count` pixels that `render` draws with a worker of `file`. `t_min` and `t_max`: range of the worker's
+/// plan.
 pub(super) fn pixels(
     file: &[u8],
     kernel: Kernel,
@@ -136,8 +137,8 @@ fn a_limit_of_each_pixel_is_the_end_of_its_ray() {
     }
 }
 
-/// In a fog, the transmittances in front of and behind a distance multiply to that of the whole ray, wherever the
-/// distance cuts a bin. Opacity is continuous in the distance.
+/// The transmittances of a ray through fog in front of and behind a distance multiply to the transmittance of the whole
+/// ray, even if the distance cuts a bin. Opacity is continuous in the distance.
 #[test]
 fn both_parts_of_a_ray_let_through_what_the_whole_does() {
     let a = architecture(pi(3, 4), None, &[(4, false)], &[]);

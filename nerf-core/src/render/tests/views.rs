@@ -1,4 +1,5 @@
-//! A scene seen from any position: samples cover the part of a ray inside the box, whatever the camera's distance.
+//! Tests of a scene seen from any position: samples cover the part of a ray inside the box, whatever the camera's
+//! distance.
 
 extern crate std;
 
@@ -39,8 +40,8 @@ fn in_ball(cell: usize) -> bool {
     side(cell / 64).powi(2) + side(cell / 8 % 8).powi(2) + side(cell % 8).powi(2) < 0.7
 }
 
-/// A camera that looks at the scene from direction `towards`, at `times` times the distance [`TRAINED`] from the
-/// middle. The scene fills its image.
+/// Camera that looks at the scene's middle from direction `towards`. Its distance from the middle is `times` times
+/// [`TRAINED`]. The scene fills its image.
 fn from(times: f32, towards: Vec3) -> Camera {
     let distance = times * TRAINED;
     let eye = towards.normalize() * distance;
@@ -70,8 +71,8 @@ fn chord(ray: &Ray) -> Option<(f64, f64)> {
     (enter < exit).then_some((enter, exit))
 }
 
-/// Length of the ray inside the ball's cells, estimated by 4,000 points between `enter` and `exit`, its distances at
-/// the faces of the box.
+/// Length of the ray inside the ball's cells, estimated from 4,000 points. `enter`, `exit`: distances at which the ray
+/// enters and leaves the box.
 fn way_in_ball(ray: &Ray, (enter, exit): (f64, f64)) -> f64 {
     let points = 4000;
     let width = (exit - enter) / f64::from(points);
@@ -180,7 +181,7 @@ fn a_ball_is_lost_from_nowhere() {
     }
 }
 
-/// From 10^6 units away, rounding in f32 moves rays by 0.06 units. The scene must still be visible.
+/// The scene is still visible from 10^6 units away, where rounding in f32 moves rays by 0.06 units.
 #[test]
 fn a_million_units_away_it_is_still_there() {
     for sampling in WAYS {

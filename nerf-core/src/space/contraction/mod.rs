@@ -8,8 +8,8 @@ use glam::Vec3;
 #[cfg(test)]
 mod tests;
 
-/// The contraction of a scene: maps all of space into an outer ball, and leaves an inner ball of half that radius
-/// unchanged.
+/// The contraction of a scene: maps all of space into an outer ball, and leaves an inner ball of half the outer ball's
+/// radius unchanged.
 ///
 /// `centre` and `radius` are the centre and radius of the inner ball. With `q = (p − centre) / radius` and `r = |q|`, a
 /// point `p` maps to `q` if `r <= 1`, else to `(2 − 1/r) q/r`, converted back to world units around the same centre.
@@ -188,8 +188,9 @@ impl Contraction {
         V::select(s.less(V::splat(0.0)), size.neg(), size)
     }
 
-    /// Ratio of the world-space lengths of two bins on a ray through the centre: a bin at the contracted point `p` to a
-    /// bin in the inner ball. Equals the ratio of the derivatives of [`Contraction::distance`] at the two bins.
+    /// Growth of bins outside the inner ball, on a ray through the centre: length of a bin at the contracted point `p`,
+    /// divided by the length of a bin inside the inner ball, both measured in the world. Equals the ratio of the
+    /// derivatives of [`Contraction::distance`] at the two bins.
     #[cfg(feature = "train")]
     pub fn step_growth(&self, p: Vec3) -> f32 {
         let contracted = (p - self.centre).length() / self.radius;

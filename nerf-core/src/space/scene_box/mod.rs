@@ -37,13 +37,15 @@ impl SceneBox {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
     }
 
-    /// Clips the ray: returns the part of `[near, far]` inside the box, or `None` if no part is inside.
+    /// Clips the ray: returns the distances at which the part of `[near, far]` inside the box begins and ends, or
+    /// `None` if no part is inside.
     ///
-    /// A slab is the space between two opposite faces. A ray on a face is inside. Also returns `None` if the ray
-    /// contains a NaN or an infinity, or if the range `[near, far]` is empty or contains a NaN.
+    /// A ray on a face is inside. Also returns `None` if the ray contains a NaN or an infinity, or if the range
+    /// `[near, far]` is empty or contains a NaN.
     ///
     /// # Source
-    /// Kay and Kajiya 1986; deviation: slabs parallel to the ray are tested separately, without division by 0.
+    /// Kay and Kajiya 1986: the box is the intersection of three slabs, each between two opposite faces. Deviation:
+    /// slabs parallel to the ray are tested separately, without division by 0.
     pub fn clip(&self, ray: &Ray, near: f32, far: f32) -> Option<(f32, f32)> {
         // The comparisons below would ignore a NaN on one axis and clip the ray by the other axes.
         let ordered = near <= far;
@@ -67,8 +69,8 @@ impl SceneBox {
         (enter <= exit).then_some((enter, exit))
     }
 
-    /// Clips a vector of rays, as [`SceneBox::clip`] does one ray. Returns the distances of entry and exit, and 1 for
-    /// rays that hit the box, 0 for others.
+    /// Clips a vector of rays, as [`SceneBox::clip`] does for one ray. Returns the distances of entry and exit, and 1
+    /// for rays that hit the box, 0 for other rays.
     #[inline(always)]
     pub(crate) fn clip_lanes<V: Lanes>(&self, origin: [V; 3], dir: [V; 3], near: V, far: V) -> (V, V, V) {
         let (zero, one) = (V::splat(0.0), V::splat(1.0));

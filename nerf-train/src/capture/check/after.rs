@@ -6,11 +6,12 @@ use crate::data::cameras::bundle::median;
 use crate::system::summary::Short;
 use serde::Serialize;
 
-/// A PSNR is far below the median if it is lower by more than `.0` dB and by more than `.1` median absolute deviations.
+/// Limits for a PSNR far below the median: lower by more than `.0` dB and by more than `.1` median absolute deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// The worst group's poses are doubtful if its mean PSNR is at least this many dB below the best group's mean PSNR.
+/// Difference, dB, between the mean PSNR of the best and of the worst group, at or above which the worst group's poses
+/// are doubtful.
 const DIFFERENT_DB: f64 = 3.0;
-/// Without point tracks, photographs are reported as contradicting each other if their median PSNR is below this, dB.
+/// Median PSNR, dB, below which photographs without point tracks are reported as contradicting each other.
 const LOW_DB: f64 = 22.0;
 /// Minimum number of training steps before [`LOW_DB`] applies: the PSNR of a shorter fit may still be low.
 const A_WHILE: u32 = 2000;
@@ -20,7 +21,7 @@ const A_WHILE: u32 = 2000;
 pub struct Fitted {
     pub train_psnr_db: Option<Short>,
     /// Groups of the diagnosis, each with its mean PSNR. If the diagnosis has no groups and the data have no point
-    /// tracks: runs of consecutive photographs, split where the viewing direction jumps.
+    /// tracks, these are runs of consecutive photographs, split where the viewing direction jumps.
     pub train_groups: Vec<Group>,
     /// Names of the photographs whose PSNR is far below the median of all training photographs (`FAR_WORSE`).
     pub train_far_worse: Vec<String>,
@@ -38,7 +39,8 @@ pub struct Group {
 }
 
 impl Fitted {
-    /// Judges a fit of `steps` training steps by `photographs`: name and PSNR, dB, of each. Empty if no PSNR is finite.
+    /// Judges a fit of `steps` training steps. `photographs`: name and PSNR, dB, of each photograph. The result is
+    /// empty if no PSNR is finite.
     pub fn of(diagnosis: &Diagnosis, photographs: &[(&str, f64)], steps: u32) -> Self {
         let finite = || photographs.iter().map(|(_, db)| *db).filter(|db| db.is_finite());
         let middle = median(finite());

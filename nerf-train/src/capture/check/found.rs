@@ -12,15 +12,17 @@ use crate::data::{Dataset, View};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Contradicting photographs are left out of training only if the capture has at least this number of photographs.
+/// Minimum number of photographs in a capture for contradicting photographs to be left out of training.
 const ENOUGH: usize = 10;
-/// A pose is wrong if `.0` or more points project far from their key points, over `.1` times as many as near them.
+/// Limits for a wrong pose: at least `.0` points project far from their key points, and these points are more than `.1`
+/// times as many as the points that project near their key points.
 const MISPLACED: (usize, usize) = (10, 2);
-/// A sector without photographs is reported if it spans at least this, degrees of azimuth.
+/// Smallest sector without photographs that is reported, degrees of azimuth.
 const WIDE_GAP: f32 = 60.0;
-/// Maximum number of names, or ranges of names, in a list; of further photographs, only the number is given.
+/// Maximum number of names, or ranges of names, in a list. Further photographs are only counted.
 const LISTED: usize = 6;
-/// The only link between two parts of the capture is reported if each part has at least this number of photographs.
+/// Minimum number of photographs in each of two parts of the capture for which the only link between the parts is
+/// reported.
 const HANGING: usize = 3;
 
 /// Reason why the photographs fall into groups: a folded reconstruction (two sides of the scene are superimposed),
@@ -122,7 +124,8 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// Returns the pair of photographs that contradict most, of two groups if possible; `None` if no pair contradicts.
+    /// Returns the contradicting pair with the most differing patches. A pair from two groups takes precedence. `None`
+    /// if no pair contradicts.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());

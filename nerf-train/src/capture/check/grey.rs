@@ -5,18 +5,18 @@ use crate::data::pictures::rgb::Picture;
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Maximum long side of a downscaled grey image (the working size), pixels.
+/// Maximum long side of a downscaled grey image, pixels.
 const WORKING_SIDE: u32 = 640;
 /// Half-width of a patch, samples: a patch has 13 × 13 samples.
 pub(super) const HALF_PATCH: i32 = 6;
 /// Number of nearest photographs with which a photograph's sharpness is compared.
 const NEIGHBOURS: usize = 6;
-/// A photograph is blurred if its sharpness is below this fraction of the median sharpness of the nearest photographs.
+/// Fraction of the median sharpness of the nearest photographs below which a photograph is blurred.
 const BLURRED: f32 = 0.3;
 /// Side of the thumbnails that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Two thumbnails are duplicates if their mean |difference| is at most this fraction of the lower of their standard
-/// deviations.
+/// Limit for duplicates: largest mean absolute difference of two thumbnails, as a fraction of the lower of their
+/// standard deviations.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {
@@ -29,7 +29,8 @@ pub(super) struct Grey {
 }
 
 impl Grey {
-    /// Returns a view in grey, downscaled so that its long side is at most [`WORKING_SIDE`] pixels.
+    /// Converts a view to grey and divides its size by the smallest whole factor that makes the long side at most
+    /// [`WORKING_SIDE`] pixels. The factor is at most the short side.
     pub fn of(view: &View) -> Self {
         let (width, height) = view.size();
         let factor = width.max(height).div_ceil(WORKING_SIDE).clamp(1, width.min(height).max(1));
@@ -68,7 +69,7 @@ impl Grey {
     }
 
     /// Returns the grey levels of a patch around `middle`, row by row; `None` if the patch leaves the image. `right`:
-    /// step between samples of a row. `down`: step between rows. All arguments are in pixels of the working size.
+    /// step between samples of a row. `down`: step between rows. All arguments are in pixels of the grey image.
     pub fn patch(&self, middle: [f32; 2], right: [f32; 2], down: [f32; 2]) -> Option<Vec<f32>> {
         let range = -HALF_PATCH..=HALF_PATCH;
         let steps = range.clone().flat_map(|v| range.clone().map(move |u| (u as f32, v as f32)));
@@ -95,7 +96,7 @@ impl Grey {
         (squares / count - (sum / count).powi(2)) as f32
     }
 
-    /// Returns a thumbnail, to find duplicates: [`STAMP`] by [`STAMP`] grey levels; and their standard deviation.
+    /// Returns a thumbnail of [`STAMP`] by [`STAMP`] grey levels, and the standard deviation of these levels.
     fn stamp(&self) -> (Vec<f32>, f32) {
         let rgb = self.levels.iter().map(|&level| [f32::from(level); 3]).collect();
         let small = Picture { width: self.width, height: self.height, rgb }.box_filtered(STAMP, STAMP);
@@ -113,7 +114,8 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Divides each photograph's sharpness by the median over the [`NEIGHBOURS`] with the nearest poses; 1 if alone.
+/// Returns each photograph's sharpness divided by the median sharpness of the [`NEIGHBOURS`] photographs with the
+/// nearest poses; 1 for a single photograph.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

@@ -6,11 +6,13 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Threshold on [`Pair::different`]. In clustering, a pair below it counts for merging its two photographs; a pair
 /// above it counts against merging them.
 const UNDECIDED: f32 = 0.35;
-/// A set of photographs is small if it has at most 1 / `FEW` of all photographs, or at most two photographs.
+/// Divisor for small sets of photographs: a set is small if it has at most 1 / `FEW` of all photographs, or at most
+/// two.
 const FEW: usize = 10;
-/// Minimum number of contradicting pairs for which a photograph is left out, or for which two groups stay separate.
+/// Minimum number of contradicting pairs that make a photograph an outlier, or that keep two groups separate.
 const CERTAIN: usize = 3;
-/// More than [`few`] contradicting photographs form a group if at least this fraction of all pairs is contradicting.
+/// Minimum fraction of contradicting pairs among all pairs at which more than [`few`] contradicting photographs form a
+/// group.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.
@@ -57,9 +59,10 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     })
 }
 
-/// Returns the labels of the rejected clusters. First rejects small clusters ([`FEW`]) with more contradicting than
-/// agreeing pairs, one at a time, largest fraction of contradicting pairs first. Pairs of a rejected cluster no longer
-/// count. Then, by all pairs, rejects each small cluster that has contradicting pairs and no agreeing pair.
+/// Returns the labels of rejected clusters. Only small clusters ([`FEW`]) are rejected, in two passes. The first pass
+/// rejects clusters with more contradicting than agreeing pairs, one at a time, largest fraction of contradicting pairs
+/// first. Pairs of a rejected cluster no longer count in this pass. The second pass counts all pairs, and rejects
+/// clusters that have contradicting pairs but no agreeing pair.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -125,11 +128,15 @@ impl Groups {
         Self::named(group, groups, contradict, pairs)
     }
 
-    /// Returns the final groups and the outliers. `group`: index of each photograph's group, below `groups`; `None` if
-    /// the photograph is in `contradict` or in no pair. A photograph in no pair joins the previous photograph's group.
-    /// `contradict`: photographs of rejected clusters. If there are many ([`FEW`], [`TORN`]), they form a last group,
-    /// together with the photographs of small groups except the first group. Otherwise, all of these are divided: those
-    /// with at least [`CERTAIN`] contradicting pairs become outliers, and the rest joins the largest group.
+    /// Makes the final groups and the outliers.
+    ///
+    /// `group`: index of each photograph's group, below `groups`; `None` if the photograph is in `contradict` or in no
+    /// pair. A photograph in no pair joins the previous photograph's group. `contradict`: photographs of rejected
+    /// clusters.
+    ///
+    /// Many such photographs ([`FEW`], [`TORN`]) form a last group, together with the photographs of small groups
+    /// except the first group. Otherwise, each photograph of these two kinds becomes an outlier if it has at least
+    /// [`CERTAIN`] contradicting pairs, and joins the largest group if it has fewer.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

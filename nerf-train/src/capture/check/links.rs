@@ -4,7 +4,8 @@ use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Two photographs are linked if they show at least this number of common points, or if they agree ([`Pair::agrees`]).
+/// Minimum number of common points that link two photographs. Photographs that agree ([`Pair::agrees`]) are also
+/// linked.
 const LINKED: u32 = 15;
 /// Maximum number of photographs that one point links to each other; further photographs of the point are ignored.
 const MAX_TRACK: usize = 200;

@@ -117,8 +117,11 @@ impl Diagnosis {
         }
     }
 
-    /// Removes the training photographs in `contradicting`. With a `group`, counted from 1, also removes all
-    /// photographs outside that group, also held-out ones; fails, and removes nothing, if no training view is in it.
+    /// Removes the training photographs in `contradicting`. A `group`, counted from 1, also removes the photographs
+    /// outside that group from all splits.
+    ///
+    /// # Errors
+    /// If the group does not exist or has no training view. The data set is then unchanged.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {
         if let Some(found) = group {
             let groups = self.groups.len();

@@ -6,21 +6,25 @@ use crate::data::{SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Limits for two cameras to see a point alike: minimum cosine between their rays (12°), maximum ratio of distances.
+/// Limits at which two cameras see a point alike: minimum cosine of the angle between their rays (12°), and maximum
+/// ratio of their distances from the point.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
-/// Two photographs are compared if one has this number of points that the other camera sees alike ([`ALIKE`]).
+/// Minimum number of points of one photograph that a second camera must see alike ([`ALIKE`]) for the two to be
+/// compared.
 const ENOUGH_POINTS: usize = 30;
-/// A pair of photographs is used if at least this number of patches were compared.
+/// Minimum number of compared patches for which a pair of photographs is used.
 const ENOUGH_PATCHES: usize = 15;
-/// Approximate maximum number of tests whether two cameras see a point alike; else only every N-th point is tested.
+/// Approximate maximum number of tests whether two cameras see a point alike. Above the maximum, only every N-th point
+/// of each photograph is tested.
 const MAX_QUESTIONS: usize = 400_000_000;
 /// Maximum number of points, from each photograph of a pair, around which patches are compared.
 const COMPARED_POINTS: usize = 60;
-/// Maximum number of compared pairs; of a larger number, every N-th pair is compared.
+/// Maximum number of compared pairs. If there are more, only every N-th pair is compared.
 const MAX_PAIRS: usize = 60_000;
-/// A patch whose grey levels (0 to 255) have a smaller standard deviation than this has too little texture to compare.
+/// Standard deviation of a patch's grey levels (0 to 255) at or below which the patch has too little texture to
+/// compare.
 const MIN_TEXTURE: f32 = 2.0;
-/// Two patches show different things if their normalised cross-correlation is below this.
+/// Normalised cross-correlation below which two patches show different content.
 const DIFFERENT: f32 = 0.3;
 
 /// Two photographs that see points from similar positions, and how much their patches around these points differ.
@@ -33,12 +37,13 @@ pub(super) struct Pair {
 }
 
 impl Pair {
-    /// Whether the two photographs show the same content around the compared points.
+    /// Whether less than 30 % of the compared patches differ. The two photographs then show the same content.
     pub fn agrees(&self) -> bool {
         self.different < 0.3
     }
 
-    /// Whether the poses of the two photographs cannot both be right.
+    /// Whether more than 60 % of the compared patches differ. The poses of the two photographs then cannot both be
+    /// right.
     pub fn contradicts(&self) -> bool {
         self.different > 0.6
     }
@@ -51,7 +56,8 @@ struct Compared<'v> {
 }
 
 impl Compared<'_> {
-    /// Returns the points of this photograph that `other` also shows and that the two cameras see alike ([`ALIKE`]).
+    /// Returns the points of this photograph that project into the picture of `other` and that both cameras see alike
+    /// ([`ALIKE`]).
     fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
         let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
         let (width, height) = other.view.size();
@@ -67,7 +73,7 @@ impl Compared<'_> {
         self.points.iter().filter(alike).filter(inside).copied().collect()
     }
 
-    /// Projects `point` to pixels of the working size, also outside the image; `None` if the camera cannot project it.
+    /// Projects `point` to pixels of the grey image, also outside its borders; `None` if the camera cannot project it.
     fn shows(&self, point: Vec3) -> Option<[f32; 2]> {
         let (x, y) = self.view.camera.project(point)?;
         Some([x, y].map(|v| v / self.grey.factor as f32))

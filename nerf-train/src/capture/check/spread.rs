@@ -5,12 +5,13 @@ use crate::data::{LookAt, View};
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Smallest gap between azimuths that is reported, degrees.
+/// Smallest gap between azimuths that is reported even if it is not the largest gap, degrees.
 const GAP: f32 = 30.0;
 /// Elevation above or below the horizon beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// A jump between photographs turns the view by at least [`GAP`] and by at least this multiple of the median turn.
+/// Factor for jumps. The viewing direction jumps between two photographs if it turns by at least [`GAP`] and by at
+/// least this multiple of the median turn.
 const JUMP: f32 = 5.0;
 /// Minimum number of consecutive photographs in a run between jumps; only the last run may be shorter.
 const SHORTEST_RUN: usize = 3;
@@ -23,7 +24,7 @@ pub(super) struct Gap {
     pub between: [usize; 2],
 }
 
-/// Directions from which photographs look at their common point; without such a point, their viewing directions.
+/// Directions of the cameras as seen from the point that they look at; without a common point, viewing directions.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
@@ -66,7 +67,8 @@ impl Spread {
     }
 }
 
-/// Splits `views` into runs, given as indices: a run of at least [`SHORTEST_RUN`] views ends at a jump ([`JUMP`]).
+/// Splits consecutive `views` into runs of indices. A run ends where the viewing direction jumps ([`JUMP`]), once it
+/// has at least [`SHORTEST_RUN`] views.
 pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =

@@ -80,7 +80,8 @@ impl Render {
         global.finish(&summary)
     }
 
-    /// Returns the size, pixels; default: the trained image's. If only one side is given, keeps the aspect ratio.
+    /// Returns width and height, pixels: from the flags, else the trained image's. One flag alone keeps the aspect
+    /// ratio.
     fn size(&self, facts: PictureFacts) -> [u32; 2] {
         let along = |side: u32, of: u32, to: u32| {
             // Rounded, at least 1. The result fits u32, since `side` and `to` are below 2^16.

@@ -49,7 +49,7 @@ pub struct DataOptions {
     /// Allow transforms files to name images outside the data set's folder.
     #[arg(long)]
     pub outside_files: bool,
-    /// File of names, one per line, of photographs that are left out, such as `check --cross-validate` writes.
+    /// File with the names of the photographs to leave out, one per line, as `check --cross-validate` writes.
     #[arg(long, value_name = "FILE")]
     pub leave_out: Option<PathBuf>,
 }
@@ -68,7 +68,7 @@ pub enum Space {
 }
 
 impl Space {
-    /// Returns what training may assume about the scene's background and extent. `boxed`: whether a box is given.
+    /// Returns the assumptions of training about the scene's background and extent. `boxed`: whether a box is given.
     pub fn around(self, background: Background, boxed: bool) -> Surroundings {
         match (self, background) {
             (Self::Contracted, _) => Surroundings::Unbounded,
@@ -78,7 +78,8 @@ impl Space {
         }
     }
 
-    /// Applies `self` to `config`: `Contracted` adds a contraction if missing, `Box` removes it, `Auto` does neither.
+    /// Applies `self` to `config`: `Contracted` adds a contraction if missing, `Box` removes the contraction, `Auto`
+    /// changes nothing.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -142,8 +143,8 @@ impl DataOptions {
         Ok(dataset)
     }
 
-    /// Reads a data set for training. Writes shared intrinsics, if it computes them, to a file next to the scene file
-    /// `output`. Also returns the time of this computation, which does not count as training time.
+    /// Reads a data set for training. If shared intrinsics have to be computed, writes them to a file next to the scene
+    /// file `output`. Also returns the time of this computation, which does not count as training time.
     pub fn read_to_fit(
         &self,
         path: &Path,

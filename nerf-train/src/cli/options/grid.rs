@@ -58,7 +58,7 @@ pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'stati
 }
 
 impl TableSettings {
-    /// Overrides the settings of `grid` by these flags. Fails if there is no grid, but one of these flags or `more` is
+    /// Overrides the settings of `grid` by these flags. If `grid` is `None`, fails if one of these flags or `more` is
     /// given. `more`: name of a given flag that needs a grid but is not in this struct. `preset`: name for the error.
     pub fn apply(
         &self,

@@ -127,7 +127,8 @@ impl Conduct {
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Returns a run's options. If no flag gave `steps` (not `asked`), `--max-seconds` replaces the limit of `steps`.
+    /// Returns a run's options. `steps`: limit of steps. `asked`: whether a flag gave this limit; if not,
+    /// `--max-seconds` replaces the limit.
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

@@ -84,7 +84,7 @@ fn fov_across(render: &Render, width: u32) -> anyhow::Result<f32> {
     }
 }
 
-/// Returns the default orbit around a scene, changed by `--up`, `--elevation` and `--radius` where these are given.
+/// Returns the default orbit around a scene, with the changes that `--up`, `--elevation` and `--radius` request.
 fn around(render: &Render, scene: &SceneFacts) -> Orbit {
     let orbit = Orbit::of(scene, render.up.map(UpAxis::direction));
     Orbit {

@@ -21,7 +21,8 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Returns the end of the message at an interruption: which images are kept. `output`: path of `-o`.
+    /// Returns the last part of the message at an interruption, which says which images are kept. `output`: path of
+    /// `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
@@ -126,7 +127,7 @@ pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow:
     }
 }
 
-/// Returns a writer of `output`. `range`: ends of the colour map, world units; `None`: another range in each picture.
+/// Returns a writer of `output`. `range`: ends of the colour map, world units; `None`: each picture has its own range.
 pub(super) fn writer(
     render: &Render,
     target: &Target,

@@ -7,9 +7,9 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Optical axes are parallel if [`LookAt::spread`] is at most this: axes about 0.5° from their common direction.
+/// Largest [`LookAt::spread`] of optical axes that count as parallel: about 0.5° from their common direction.
 const PARALLEL: f64 = 1e-4;
-/// A scene is forward-facing if [`LookAt::spread`] is less than this: axes about 8° from their common direction.
+/// Limit on [`LookAt::spread`] below which a scene is forward-facing: axes about 8° from their common direction.
 const FORWARD_FACING: f64 = 0.02;
 /// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;
@@ -27,7 +27,8 @@ pub struct LookAt {
     pub max_distance: f32,
     /// Fraction of the cameras that have the point behind them, 0..=1.
     pub behind: f32,
-    /// Mean squared sine of the angles between the axes and their common direction, which minimises this mean; 0..=2/3.
+    /// Mean squared sine of the angles between the axes and their common direction, 0..=2/3. The common direction is
+    /// the direction that minimises this mean.
     pub spread: f32,
 }
 
@@ -40,7 +41,8 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Finds the look-at point of `lines` (position, unit direction); `None` for nearly parallel or fewer than two.
+    /// Finds the look-at point of `lines` (position, unit direction); `None` for fewer than two lines or nearly
+    /// parallel lines.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -109,9 +111,10 @@ impl LookAt {
         f64::from(self.spread) < FORWARD_FACING
     }
 
-    /// Whether the point is certain enough to be the centre of the scene box: [`Self::agrees`] holds, and the point's
-    /// uncertainty along the cameras' common direction (`mean_residual` / √`spread`) is at most half of
-    /// [`Self::mean_distance`].
+    /// Whether the point is certain enough to be the centre of the scene box.
+    ///
+    /// Two conditions must hold: [`Self::agrees`], and an uncertainty of the point along the cameras' common direction
+    /// (`mean_residual` / √`spread`) of at most half of [`Self::mean_distance`].
     pub fn places_the_scene(&self) -> bool {
         self.agrees() && self.mean_residual <= 0.5 * self.mean_distance * self.spread.sqrt()
     }
@@ -146,8 +149,9 @@ pub struct SceneBounds {
     pub scene_box: SceneBox,
 }
 
-/// Returns the near and far distance, world units, and scene box of a data set. `None` if the data set lacks `near` or
-/// `far` and has no certain look-at point, if `near` is not below `far`, or if the box is invalid ([`SceneBox::new`]).
+/// Returns near and far distance, world units, and scene box of a data set. `None` if the data set does not state both
+/// distances and has no certain look-at point, if `near` is not below `far`, or if the box is invalid
+/// ([`SceneBox::new`]).
 ///
 /// `near` and `far` are the data set's own, if stated. Otherwise they follow from the distances of the cameras from
 /// their look-at point. If these distances are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set,
@@ -214,8 +218,8 @@ pub fn frusta_box(
 
 /// Smallest number of sparse points from which a near distance is estimated.
 const ENOUGH_POINTS: usize = 50;
-/// Quantile and factor. The near distance of a view is this quantile of the distances to its sparse points, times the
-/// factor. The quantile skips outliers; the factor allows for surfaces nearer than all sparse points.
+/// Quantile and factor for a view's near distance: this quantile of the distances to the view's sparse points, times
+/// the factor. The quantile skips outliers; the factor allows for surfaces nearer than all sparse points.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 pub(crate) fn set_near(dataset: &mut Dataset) {
@@ -236,7 +240,8 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// Estimates a near or far distance: quantile `in_front` of `distances`, times `share`; `None` for too few distances.
+/// Estimates a near or far distance: the quantile `in_front` (0..1) of `distances`, times `share`. `None` for fewer
+/// than 50 distances.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

@@ -2,11 +2,12 @@
 
 use glam::DVec3;
 
-/// The origin is moved if it is farther from the middle of the cameras' bounding box than this multiple of half the
-/// box's longest side. At that distance f32 rounds positions to 4e-6 of the half side, about a hundredth of a pixel.
+/// Largest accepted distance of the origin from the middle of the cameras' bounding box, in units of half the box's
+/// longest side. Beyond it, the origin is moved. At this distance, f32 rounds positions to 4e-6 of the half side, about
+/// a hundredth of a pixel.
 const FAR_AWAY: f64 = 64.0;
 
-/// Start of the suffix of a data set's name that states the coordinates of a moved origin.
+/// Start of the suffix that states a moved origin's coordinates in a data set's name.
 pub(crate) const STATED: &str = ", origin at (";
 
 /// Chooses an origin, in the file's world: a point near the middle of the cameras if the middle is too far from the

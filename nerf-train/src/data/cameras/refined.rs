@@ -28,7 +28,7 @@ struct Frame {
     transform_matrix: [[f64; 4]; 4],
 }
 
-/// Returns the path of the file with the refined poses of a `.nerf` blob: its path with `.poses.json` appended.
+/// Returns the path of the file with a `.nerf` blob's refined poses: the blob's path with `.poses.json` appended.
 pub fn beside(blob: &Path) -> PathBuf {
     let mut name = blob.as_os_str().to_owned();
     name.push(".poses.json");

@@ -8,21 +8,26 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// The arc that a viewer may orbit is based on the shortest arc that contains this fraction of the cameras' azimuths.
+/// Fraction of the cameras' azimuths that an arc must contain. A viewer's orbit range is derived from the shortest such
+/// arc.
 const MOST: f32 = 0.95;
 /// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Maximum of e1 / e2 and minimum of e2 at which the cameras' x axes determine the up direction. e1 ≤ e2 ≤ e3:
-/// eigenvalues of the mean of the outer products x xᵀ of these axes.
+/// Limits for an up direction from the cameras' x axes: maximum of e1 / e2, and minimum of e2. The eigenvalues e1 ≤ e2
+/// ≤ e3 are those of the mean outer product x xᵀ of the axes.
 const LEVEL: (f64, f64) = (0.15, 0.02);
 /// Minimum number of sparse points that a view must show for an estimate of the scene's depth from them.
 const ENOUGH_POINTS: usize = 8;
 
 /// Chooses the initial viewpoint from the training cameras; `None` if there is no valid one. `range`: near and far
-/// distance, world units. If the cameras look at a common point, this point is the target, and the eye is the camera
-/// nearest to a typical position: median height over the target, median distance from the vertical axis through the
-/// target, and (unless the cameras surround it) middle of the cameras' range of azimuths. Otherwise the viewpoint has
-/// the position and direction of the camera nearest to the geometric median of all positions.
+/// distance, world units.
+///
+/// If the cameras look at a common point, this point is the target. The eye is the camera nearest to a typical
+/// position: median height over the target, and median distance from the vertical axis through the target. Unless the
+/// cameras surround the target, the typical position also has the middle of the cameras' range of azimuths.
+///
+/// If the cameras have no common point, the viewpoint has the position and direction of the camera nearest to the
+/// geometric median of all positions.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -59,8 +64,9 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     places.then_some(found)
 }
 
-/// Estimates the depth of the scene in training view `middle`, world units: median distance of the sparse points in
-/// view. If these are too few, the depth is the harmonic mean of `near` and `far`, or half of `far` if `near` is 0.
+/// Estimates the depth of the scene in the training view with index `middle`, world units. The estimate is the median
+/// distance of the sparse points in view. If there are too few points, it is the harmonic mean of `near` and `far`, or
+/// half of `far` if `near` is 0.
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
@@ -92,7 +98,8 @@ impl Place {
     }
 }
 
-/// Returns start and length, radians, of the shortest arc with the share [`MOST`] of `azimuths`; `None` if empty.
+/// Returns start and length, radians, of the shortest arc that contains the fraction [`MOST`] of `azimuths`; `None`
+/// without azimuths.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();
@@ -106,7 +113,8 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
 }
 
 /// Returns the up direction of the scene, perpendicular to the cameras' x axes, because people hold cameras level. If
-/// this is undetermined, or 60° or more from the median of the cameras' up directions, the median is returned instead.
+/// the x axes determine no such direction, or one at 60° or more from the median of the cameras' up directions, the
+/// median is returned instead.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()

@@ -1,9 +1,9 @@
 //! A small demo scene, with exact pictures and distances.
 //!
-//! Shapes on a plinth without surroundings: checkers, stripes and marble, soft shadows, and highlights that move with
-//! the camera, so that a field fitted to the scene must model view-dependent colour. The scene fits into the box
-//! [−1, 1]³, needs no download and has this crate's licence. All pictures are computed: the same [`DemoSpec`] gives the
-//! same bytes.
+//! The scene has shapes on a plinth without surroundings. They have checkers, stripes and marble, soft shadows, and
+//! highlights that move with the camera, so that a field must model view-dependent colour. The scene fits into the box
+//! [−1, 1]³, needs no download and has this crate's licence. All pictures are computed: equal [`DemoSpec`]s give equal
+//! bytes.
 
 mod rounds;
 mod shade;
@@ -158,7 +158,7 @@ fn pixel(camera: &Camera, x: f32, y: f32) -> [u8; 4] {
     [r, g, b, byte(hits as f32 / (SIDE * SIDE) as f32)]
 }
 
-/// Returns the distance from `point` to the nearest surface, world units, negative inside: a reference for fields.
+/// Returns the distance from `point` to the nearest surface, world units, negative inside.
 pub fn signed_distance(point: Vec3) -> f32 {
     let point: DVec3 = point.as_dvec3();
     shapes::SCENE.iter().map(|shape| shape.distance(point)).fold(f64::INFINITY, f64::min) as f32

@@ -46,9 +46,9 @@ impl Shot {
     }
 }
 
-/// Renders a data set of photographs along an arc of 81°, in two rounds that alternate along the arc. If `folded`, the
-/// second round is taken a quarter turn further around the scene, but its poses stay on the arc of the first round, as
-/// in a reconstruction misled by repeated structure.
+/// Renders a data set of photographs along an arc of 81°, in two rounds whose positions alternate along the arc. If
+/// `folded`, the photographs of the second round are taken a quarter turn further around the scene. Their poses stay on
+/// the arc of the first round, as in a reconstruction misled by repeated structure.
 pub fn two_rounds(folded: bool) -> Result<Dataset, CameraError> {
     let spec = DemoSpec { size: SIZE, ..DemoSpec::default() };
     let shot = |i: usize| {

@@ -17,7 +17,8 @@ struct Surface {
     exponent: f32,
 }
 
-/// Returns the display-encoded sRGB, 0 to 1, of `point` on `shape`. Unit vectors: `normal`, and `dir` from the camera.
+/// Returns the display-encoded sRGB, 0 to 1, of `point` on `shape`. `normal` and `dir`, the direction from the camera
+/// to the point, are unit vectors.
 pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> [f32; 3] {
     let light_dir = LIGHT.normalize();
     let surface = surface(shape.look, (point - shape.centre).as_vec3(), point.as_vec3(), normal.as_vec3());
@@ -38,7 +39,7 @@ pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> 
     linear.to_array().map(|v| encode(v.clamp(0.0, 1.0)))
 }
 
-/// Returns the linear colour of the surroundings that a polished surface mirrors: sky, ground and window. `dir`: unit.
+/// Returns the linear colour that a polished surface mirrors from the unit direction `dir`: sky, ground or window.
 fn sky_seen(dir: Vec3) -> Vec3 {
     let up = smooth(-0.15, 0.5, dir.z);
     let ground = Vec3::new(0.16, 0.14, 0.13);
@@ -112,7 +113,7 @@ fn smooth(low: f32, high: f32, v: f32) -> f32 {
     s * s * (3.0 - 2.0 * s)
 }
 
-/// Sums three octaves of value noise at `p`, to 0..=1.
+/// Returns a weighted mean of three octaves of value noise at `p`, in 0..=1.
 fn fbm(p: Vec3) -> f32 {
     (4.0 * noise(p) + 2.0 * noise(p * 2.03 + 17.0) + noise(p * 4.01 + 31.0)) / 7.0
 }

@@ -192,14 +192,15 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     nearest.map(|(t, shape)| Found { t, shape, normal: shape.normal(origin + dir * t) })
 }
 
-/// Returns the visible fraction, 0..=1, of a small round light in the unit direction `dir`, as seen from `point`.
+/// Returns the fraction, 0..=1, of a small round light that is visible from `point`. `dir`: unit direction to the
+/// light.
 ///
 /// # Source
 /// Quilez, "Soft shadows in raymarched SDFs": the least ratio of shape distance to ray distance gives the penumbra.
 pub(super) fn lit(point: DVec3, dir: DVec3) -> f64 {
     const SHARPNESS: f64 = 9.0;
     const STEPS: usize = 40;
-    /// Penumbras are cut off beyond this distance from a shape, world units.
+    /// Distance from a shape, world units, beyond which the shape casts no penumbra.
     const MARGIN: f64 = 0.2;
     let mut light: f64 = 1.0;
     for shape in &SCENE {

@@ -58,7 +58,8 @@ impl std::str::FromStr for Layout {
     }
 }
 
-/// Reads a folder in the requested layout, or by default in the first that fits; a note then names others that fit.
+/// Reads a folder in the requested layout. By default, reads the first layout that fits, and adds a note on the other
+/// layouts that fit.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());

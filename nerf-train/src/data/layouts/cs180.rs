@@ -152,12 +152,13 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that the notebook plots.
 const NOTEBOOK_VALIDATION: usize = 101;
-/// Number of validation views, taken from the end, in a file with the notebook's arrays but not exactly 106 views.
+/// Number of validation views in a file with the notebook's arrays but another number of views; taken from the end.
 const LAST: usize = 6;
 
-/// Reads `tiny_nerf_data.npz` of the original NeRF notebook: `images` in floats, OpenGL `poses`, and `focal`. Of the
-/// notebook's 106 views, 0..100 are training and 101..106 validation views (100 is unused, as in the notebook). In
-/// other files, the last six views are for validation; none if no training view would remain.
+/// Reads `tiny_nerf_data.npz` of the original NeRF notebook: the arrays `images` and `poses` (OpenGL), and `focal`.
+///
+/// Of the notebook's 106 views, 0..100 are for training and 101..106 for validation; 100 is unused, as in the notebook.
+/// In other files, the last six views are for validation, unless no training view would remain.
 pub(crate) fn read_tiny_nerf(archive: &mut Archive, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     let axes = options.axes.unwrap_or(Axes::Opengl);
     let focal = archive.scalar("focal")?;

@@ -18,14 +18,16 @@ pub(crate) struct Located {
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs. Key of `by_factor`: how many times smaller the folder's pictures are.
+/// Folders of a data set's photographs. The key of `by_factor` is the factor by which the folder's pictures are
+/// reduced.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
 }
 
 impl Folders {
-    /// Finds the folders `images` and `images_N` in `root`; takes `root` itself if there are none.
+    /// Finds the folders `images` and `images_N` in `root`. If there are none, `root` itself is the folder of
+    /// photographs.
     pub(crate) fn of(root: &Path) -> Result<Self, DatasetError> {
         let mut by_factor = BTreeMap::new();
         for path in entries(root)?.into_iter().filter(|path| path.is_dir()) {
@@ -46,8 +48,11 @@ impl Folders {
     }
 
     /// Returns the folders to search, best first: path, [`Located::downscale`], and whether the folder holds reduced
-    /// copies. Copies reduced by the factor of `downscale` come first, then larger copies, from small to large. Smaller
-    /// copies come last for [`Downscale::Auto`], else are left out. `size`: stated width and height, pixels.
+    /// copies.
+    ///
+    /// Pictures already reduced by the factor of `downscale` come first, then larger pictures, the smallest of them
+    /// first. Smaller pictures come last for [`Downscale::Auto`], and are left out otherwise. `size`: stated width and
+    /// height, pixels.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -64,8 +69,9 @@ impl Folders {
         candidates
     }
 
-    /// Finds the photograph `name`, a path relative to an image folder, in the first folder that has it at the size
-    /// that `downscale` calls for. `size`: size of the photograph before downscaling that the data set states, pixels.
+    /// Finds the photograph `name`, a path relative to an image folder, in the first [candidate
+    /// folder](Self::candidates) that has it. `size`: width and height that the data set states, before any reduction,
+    /// pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));

@@ -38,7 +38,8 @@ impl Row {
     }
 }
 
-/// Reads `poses_bounds.npy`; its poses correspond one to one to the photographs, sorted by the bytes of their names.
+/// Reads `poses_bounds.npy` and the photographs. The poses are in the order of the photographs, sorted by the bytes of
+/// their names.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let file = folder.join(FILE);
     let (rows, origin) = rows(&file, options)?;

@@ -46,7 +46,7 @@ pub(crate) fn read(file: &Path, options: &ReadOptions, watch: &Watch) -> Result<
     .counted_from(origin))
 }
 
-/// Adds to `notes` which fields of the json are ignored, and why.
+/// Adds notes on the fields of the json that are ignored, with the reasons.
 fn say_fields(header: &Header, notes: &mut Vec<String>) {
     let identity = |rows: &Vec<Vec<f64>>| {
         rows.iter()

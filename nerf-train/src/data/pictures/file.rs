@@ -1,4 +1,5 @@
-//! Decodes a picture file, and applies its EXIF orientation if the picture then fits its stated size; finds pictures.
+//! Decoding of pictures with a stated size, and search for picture files. The EXIF orientation is applied only if the
+//! picture then fits the stated size.
 
 use crate::data::DatasetError;
 use crate::data::pictures::decode::{DecodeError, FORMATS, decode_of};

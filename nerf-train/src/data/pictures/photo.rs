@@ -69,8 +69,8 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics`: returns intrinsics for a width and height (stated, else the
-    /// file's), and adds notes. Fails if the picture's aspect ratio is not the stated one.
+    /// Decodes a photograph and makes its camera. `optics` receives width and height (as stated, otherwise the file's),
+    /// returns the intrinsics, and adds notes. Fails if the picture does not have the stated aspect ratio.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,

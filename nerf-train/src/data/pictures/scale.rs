@@ -11,7 +11,7 @@ const MAX_FACTOR: u32 = 64;
 /// Factor by which the width and height of photographs are reduced.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Downscale {
-    /// Reduces by the whole number that brings the long side nearest to 800 pixels; never enlarges.
+    /// Reduces by the whole number, 1 to 64, that brings the long side nearest to 800 pixels.
     #[default]
     Auto,
     /// Reduces by this whole number; 0 has the effect of 1.
@@ -43,8 +43,8 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// Returns which source pixels the target pixel `index` of `count` overlaps along a side of `length` source pixels:
-/// the index of the first one, and the overlapped fraction of each.
+/// Returns the source pixels that the target pixel `index` of `count` overlaps along a side of `length` source pixels:
+/// index of the first source pixel, and the overlapped fraction of each.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;
@@ -59,7 +59,8 @@ fn span(index: u32, count: u32, length: u32) -> (f64, f64) {
     (at(index), at(index + 1))
 }
 
-/// Returns which of `length` source pixels target pixel `index` of `count` overlaps by more than rounding errors.
+/// Returns the range of the source pixels that the target pixel `index` of `count` overlaps along a side of `length`
+/// source pixels. An overlap within rounding errors does not count.
 fn touched(index: u32, count: u32, length: u32) -> Range<usize> {
     let (from, to) = span(index, count, length);
     (from + 1e-6).floor() as usize..((to - 1e-6).ceil() as usize).min(length as usize)

@@ -5,9 +5,10 @@ use crate::data::names::listed;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// A reconstruction is torn ([`Fault::Torn`]) if it has poses for less than this fraction of the photographs.
+/// Fraction of the photographs with poses below which a reconstruction is torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// A reconstruction is torn if a smaller one has at least this many photographs that the largest one lacks.
+/// Minimum number of photographs, present in a smaller reconstruction but not in the largest one, that make the largest
+/// one torn.
 const OTHERS: usize = 3;
 
 /// Fault of a reconstruction: missing photographs, or photographs with wrong poses.

@@ -143,8 +143,8 @@ fn best(place: &Place, runner: &Runner<'_>) -> anyhow::Result<Attempt> {
     best.ok_or_else(|| none_registered(count, "no model was made"))
 }
 
-/// Reads the largest reconstruction of `way` with its photographs, which are moved next to it while it is read. `None`
-/// if it is unreadable; an error if the photographs cannot be moved.
+/// Reads the largest reconstruction of `way` as a data set; `None` if it is unreadable. The photographs are moved next
+/// to the reconstruction while it is read. Fails if the photographs cannot be moved.
 fn with_photographs(place: &Place, way: Way) -> io::Result<Option<Dataset>> {
     let models = place.models(way);
     let beside = models.join("images");

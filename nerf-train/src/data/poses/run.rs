@@ -45,7 +45,7 @@ fn start(command: &mut Command) -> anyhow::Result<(Helper, Heard, Heard)> {
 }
 
 impl Runner<'_> {
-    /// Runs a COLMAP command to its end and shows its output.
+    /// Runs a COLMAP command to its end and shows its progress. Fails if COLMAP fails or is silent for too long.
     pub(super) fn run(&self, stage: Stage) -> anyhow::Result<()> {
         let Request { threads, patience, style, .. } = *self.request;
         let stage = match threads {

@@ -65,7 +65,8 @@ impl EvaluationTime {
         self.all += seconds;
     }
 
-    /// Whether, after `now` seconds, all evaluations including one more take at most [`VALIDATION_SHARE`] of `now`.
+    /// Whether one more evaluation is affordable: all evaluations together then take at most the fraction
+    /// [`VALIDATION_SHARE`] of `now`, the seconds of the run so far.
     fn affords(&self, now: f64) -> bool {
         self.one.is_some_and(|one| self.all + one <= VALIDATION_SHARE * now)
     }
@@ -162,7 +163,8 @@ impl Session<'_, '_> {
         Ok((picture, psnr_db))
     }
 
-    /// Estimates the seconds of rendering the whole picture: times a rendering at an eighth of its width and height.
+    /// Estimates the seconds that rendering the whole picture takes, by timing a rendering at an eighth of its width
+    /// and height.
     fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();

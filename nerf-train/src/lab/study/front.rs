@@ -60,7 +60,7 @@ pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     front
 }
 
-/// Returns the index of the cheapest point whose loss is at most `loss_db`; `None` if there is none.
+/// Returns the index of the cheapest point whose loss is at most `loss_db`; `None` if every point loses more.
 pub fn cheapest_within(points: &[Price], loss_db: f64) -> Option<usize> {
     let within = |&i: &usize| points[i].is_usable() && points[i].loss_db <= loss_db;
     (0..points.len()).filter(within).min_by(|&a, &b| points[a].cost.total_cmp(&points[b].cost))

@@ -332,7 +332,7 @@ impl<'a, 'b> Study<'a, 'b> {
     }
 
     /// Returns the index of the fastest point that `keep` accepts and that loses at most `loss_db` dB against the exact
-    /// rendering; `None` if there is none.
+    /// rendering; `None` if no point does.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

@@ -21,7 +21,8 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Resumes the sweep in `path`, or begins one there; fails if the folder holds a sweep with other settings.
+    /// Resumes the sweep in the folder `path`, or begins a new sweep in it. Fails if the folder holds a sweep with
+    /// other settings.
     pub fn open(path: &Path, header: Header) -> anyhow::Result<Self> {
         let file = path.join(FILE);
         if !file.exists() {

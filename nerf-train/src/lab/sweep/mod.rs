@@ -1,10 +1,11 @@
-//! Many runs that differ in a few settings, and their records.
+//! Sweeps: many runs that differ in a few settings, and their records.
 //!
 //! lists of values → their combinations → one run each, with a record in a file → table, plots, contact sheet
 //!
-//! A folder holds a sweep: the file `sweep.json` holds what all runs share, and the folder `runs` holds a record and a
-//! picture of each finished run. A record is never made twice, whichever process made it. Runs can be spread over
-//! machines ([`Shard`](super::Shard)), into one folder or into several that are merged later.
+//! A folder holds a sweep. The file `sweep.json` holds the data and settings that all runs share, and the folder `runs`
+//! holds a record and a picture of each finished run. A run that has a record is not repeated, whichever process made
+//! the record. Runs can be spread over machines ([`Shard`](super::Shard)), into one folder or into several that are
+//! merged later.
 
 mod combinations;
 mod folder;

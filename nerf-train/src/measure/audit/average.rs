@@ -80,8 +80,8 @@ pub fn without_direction(
     Some((folded, result))
 }
 
-/// Calls [`without_direction`] with the mean of the encoded direction over the rays of `views`. Returns `None` if
-/// colour does not depend on the direction, or if `views` is empty.
+/// Removes view dependence with [`without_direction`], using the mean of the encoded direction over the rays of
+/// `views`. `None` if colour does not depend on the direction, or if `views` is empty.
 pub fn flattened(
     architecture: &Architecture,
     parameters: &[f32],

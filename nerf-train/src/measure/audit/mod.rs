@@ -15,8 +15,8 @@ use serde::Serialize;
 
 /// Default threshold, dB: an effect, such as view dependence, is kept if it raises PSNR by at least this.
 pub const THRESHOLD_DB: f64 = 0.05;
-/// Ratio of multiply-adds (with an effect / without the effect) below which the effect saves work. An effect that
-/// saves work is kept unless it lowers PSNR by the threshold or more.
+/// Ratio of multiply-adds (with the effect / without it) below which an effect saves work. An effect that saves work is
+/// kept if it lowers PSNR by less than the threshold.
 const SPARED: f64 = 0.9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,7 +86,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// Judges an effect that adds `gain_db` to PSNR and multiplies the number of multiply-adds by `relative_macs`. An
-    /// effect whose gain is NaN, as it was not measured, is kept.
+    /// effect with a gain of NaN (not measured) is kept.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
         // With a gain of NaN (not measured), the effect is kept.
@@ -237,8 +237,8 @@ pub enum EffectSummary {
 }
 
 impl Summary {
-    /// Returns the summary of an audit. `split`, `views`: name of the split, and number of its views that were
-    /// rendered; `background`: background colour of the scene.
+    /// Returns the summary of an audit. `split`: name of the split. `views`: number of views rendered. `background`:
+    /// background colour of the scene.
     pub fn of(
         audit: &Audit,
         threshold_db: f64,

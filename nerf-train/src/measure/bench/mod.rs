@@ -40,7 +40,7 @@ pub struct Variants<'b> {
     pub scene: SceneFacts,
     cells: Option<OccupiedCells>,
     pub variants: Vec<Variant>,
-    /// The f32 weights that the blob's weights were rounded from, in the same order; `None` if not available.
+    /// The f32 weights before rounding, in the order of the blob's weights; `None` if not available.
     pub source: Option<Vec<f32>>,
 }
 
@@ -129,7 +129,8 @@ impl<'b> Variants<'b> {
         Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
     }
 
-    /// Adds a variant with grid tables in int8, and returns its index. `None` unless the blob's tables are in f16.
+    /// Adds a variant with int8 grid tables, and returns the variant's index; `None` unless the blob's tables are in
+    /// f16.
     pub fn add_int8(&mut self) -> anyhow::Result<Option<usize>> {
         let (Some(grid), Some(StoredTables::F16(_))) =
             (self.blob.architecture().position.grid(), self.blob.tables())

@@ -41,8 +41,8 @@ pub fn enlarged(frame: Frame, camera: &Camera) -> Frame {
     }
 }
 
-/// Returns the taps of linear interpolation along a side, from `small` to `large` pixels. For each of the `large`
-/// pixels: indices of the two neighbouring `small` pixels, and weight of the second.
+/// Returns the taps of linear interpolation from `small` to `large` pixels along a side. Each of the `large` pixels has
+/// one tap: the indices of two neighbouring `small` pixels, and the weight of the second.
 fn taps(small: usize, large: usize) -> Vec<(usize, usize, f32)> {
     let last = small.saturating_sub(1);
     let tap = |i: usize| {

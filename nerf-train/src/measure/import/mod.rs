@@ -77,7 +77,7 @@ pub struct Request<'a> {
     pub settings: &'a Settings,
     pub kernel: Kernel,
     pub style: ProgressStyle,
-    /// Smallest gain of PSNR on the views of the check at which view dependence is kept, dB.
+    /// Smallest gain of PSNR, dB, at which view dependence is kept. The gain is measured on the views of the check.
     pub effect_threshold_db: f64,
 }
 
@@ -85,7 +85,8 @@ pub struct Request<'a> {
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Training or else validation views. Their rays' mean encoded direction is used to leave out view dependence.
+    /// Training views; validation views if there are no training views. To leave out view dependence, the encoded
+    /// direction is averaged over the rays of these views.
     pub rays: Vec<View>,
 }
 
@@ -93,7 +94,8 @@ pub enum Occupancy {
     /// The occupancy grid that the network was trained with.
     Given {
         cells: OccupiedCells,
-        /// Whether the user says that the grid is not part of the model: it is then never required for rendering.
+        /// Whether the user states that the grid is not part of the model. The grid is then never required for
+        /// rendering.
         optional: bool,
     },
     Build,
@@ -114,7 +116,7 @@ impl Check {
         self.scores.psnr_db().unwrap_or(f64::NAN)
     }
 
-    /// Whether leaving out the occupancy grid changes PSNR by more than `OCCUPANCY_LOSS_DB`.
+    /// Whether leaving out the occupancy grid changes PSNR by more than `OCCUPANCY_LOSS_DB`; true for a change of NaN.
     fn occupancy_matters(&self) -> bool {
         self.occupancy_gain_db.is_some_and(|gain| gain.is_nan() || gain.abs() > OCCUPANCY_LOSS_DB)
     }
@@ -280,9 +282,9 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// Measures the PSNR that view dependence gains over the mean of the encoded direction, dB. Removes view dependence
-    /// if the gain is too small. Returns `None`, without a measurement, if colour does not depend on the direction, or
-    /// if [`Check::is_suspicious`] is true.
+    /// Measures the PSNR gain of view dependence over the mean of the encoded direction, dB. Removes view dependence if
+    /// the gain is too small. If colour does not depend on the direction, or if [`Check::is_suspicious`] is true,
+    /// measures nothing and returns `None`.
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());

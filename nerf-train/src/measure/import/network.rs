@@ -12,7 +12,7 @@ use nerf_core::network::{
 use std::collections::BTreeSet;
 use std::iter::once;
 
-/// Encoding of the direction, if colour depends on it, and widths of the colour network's hidden layers.
+/// Encoding of the direction, `None` if colour does not depend on it, and widths of the colour network's hidden layers.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
 /// Imported network, with layers and channels in this project's order. The linear feature layer is still separate from
@@ -177,7 +177,8 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Reads the layer named `layer`. Its weight must have `inputs` columns, and a number of rows that is in `outputs`.
+    /// Reads the layer named `layer`. Its weight must have `inputs` columns, and `outputs` must contain its number of
+    /// rows.
     fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> anyhow::Result<Linear<'t>> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
@@ -262,7 +263,8 @@ impl<'t> Reader<'t> {
         Ok((encoding, settings.order.columns(&encoding, identity)))
     }
 
-    /// Appends `rows` of a layer to the parameters: weights, with columns in the order of `columns`, then biases.
+    /// Appends the weights of `rows`, with columns in the order of `columns`, and then the biases of `rows` to the
+    /// parameters.
     fn put(&mut self, layer: Linear<'_>, rows: std::ops::Range<usize>, columns: &[usize]) {
         for row in rows.clone() {
             let row = &layer.weight[row * layer.inputs..][..layer.inputs];

@@ -53,7 +53,7 @@ pub struct Settings {
     /// halves (mip-NeRF): sines by level, then cosines; halves-by-input (nerfstudio): sines by input, then cosines.
     #[arg(long, value_enum, default_value = "level")]
     pub order: Order,
-    /// Whether the raw inputs stand first or last in the encoding, or are absent [default: first, or absent by shape].
+    /// Position of the raw inputs in the encoding [default: first, or none if the tensors' shapes show no raw inputs].
     #[arg(long, value_enum)]
     pub identity: Option<Identity>,
     /// Levels of the position encoding; must agree with the tensors' shapes [default: from the shapes].

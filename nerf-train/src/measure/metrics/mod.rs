@@ -8,9 +8,9 @@ use crate::train::psnr_db_of_mse;
 /// Side of the SSIM window, pixels; Wang et al. use 11, with a Gaussian of standard deviation 1.5.
 const WINDOW: usize = 11;
 const SIGMA: f64 = 1.5;
-/// (K1 L)² with K1 = 0.01 and data range L = 1: keeps the luminance term of SSIM finite in the dark.
+/// Constant (K1 L)² of SSIM, with K1 = 0.01 and data range L = 1. It keeps the luminance term finite in the dark.
 const C1: f64 = 0.01 * 0.01;
-/// (K2 L)² with K2 = 0.03 and L = 1: keeps the structure term of SSIM finite where the picture is flat.
+/// Constant (K2 L)² of SSIM, with K2 = 0.03 and L = 1. It keeps the structure term finite in flat areas.
 const C2: f64 = 0.03 * 0.03;
 
 /// Returns the mean squared error over all pixels and channels of `a` and `b`, each `[n]`. NaN if the lengths differ,
@@ -84,18 +84,18 @@ pub fn mean_flat_psnr_db(flat_db: impl IntoIterator<Item = f64>) -> f64 {
     if telling.is_empty() { f64::INFINITY } else { telling.iter().sum::<f64>() / telling.len() as f64 }
 }
 
-/// Returns the mean structural similarity of two `width` × `height` pictures, at most 1: the mean over their channels.
+/// Returns the structural similarity of two `width` × `height` pictures, averaged over the channels; at most 1.
 ///
-/// Gaussian 11×11 window of sigma 1.5, K1 = 0.01, K2 = 0.03, data range 1, population covariance, averaged over the
-/// windows that lie wholly inside ("valid"): what scikit-image computes with `gaussian_weights=True,
-/// use_sample_covariance=False`. If a side is shorter than 11, the window shrinks along that side to its largest odd
-/// number of pixels, with the same sigma. Equal pictures, flat ones too, give 1.
+/// The window is Gaussian, 11×11, with sigma 1.5; K1 = 0.01, K2 = 0.03, data range 1, population covariance. The mean
+/// is over the windows that lie wholly inside ("valid"). scikit-image computes the same value with
+/// `gaussian_weights=True, use_sample_covariance=False`. If a side is shorter than 11, the window shrinks along that
+/// side to its largest odd number of pixels, with the same sigma. Equal pictures, flat ones too, give 1.
 ///
 /// NaN if the sizes disagree, if there is nothing to compare, or if an input is NaN.
 ///
 /// # Source
-/// Wang, Bovik, Sheikh, Simoncelli 2004, "Image quality assessment: from error visibility to
-/// structural similarity", eq. 13.
+/// Wang, Bovik, Sheikh, Simoncelli 2004, "Image quality assessment: from error visibility to structural similarity",
+/// eq. 13.
 pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 {
     ssim_of(a, b, width, height, None)
 }

@@ -35,7 +35,7 @@ pub struct Config {
     pub sampling: SamplingConfig,
     /// Occupancy grid, by which training and rendering skip empty space.
     pub occupancy: OccupancyConfig,
-    /// How training uses a capture's sparse points, exposures, poses and moving objects. Only with a learned grid.
+    /// Use of a capture's sparse points, exposures, poses and moving objects in training. Only with a learned grid.
     pub capture: CaptureConfig,
     pub optimiser: OptimiserConfig,
     /// Seed of all random numbers.
@@ -66,8 +66,8 @@ pub struct NetworkConfig {
     pub density: Density,
     /// Factor on the density head's raw output in training: `sigma = activation(density_scale · raw)`.
     pub density_scale: f32,
-    /// Value `b` that the density head's initial bias adds to `density_scale · raw`. With an exponential density, the
-    /// bias adds `b` − ln(longest side of the scene box): exp(`b`) is the initial optical depth along this side.
+    /// Initial bias `b` of the density head, added to `density_scale · raw`. With an exponential density, the initial
+    /// bias is `b` − ln(longest side of the scene box), so that exp(`b`) is the initial optical depth along this side.
     pub density_bias: f32,
 }
 
@@ -96,8 +96,8 @@ pub struct SamplingConfig {
     /// Position of each sample in its bin: in the middle, anywhere at random, or at random within a given distance
     /// (world units) of the start of the bin.
     pub jitter: Jitter,
-    /// Number of rays per step. If `live_samples` is not 0, this applies to the first step only. `rays` times `samples`
-    /// must be at most 2^27.
+    /// Number of rays per step; if `live_samples` is above 0, number of rays of the first step only. `rays` times
+    /// `samples` must be at most 2^27.
     pub rays: usize,
     /// Target number of samples per step, to which the number of rays is adapted; 0: every step has `rays` rays.
     /// Samples in empty cells do not count. With a learned grid, samples count only if they are trained: all samples of
@@ -125,7 +125,7 @@ pub struct SamplingConfig {
     pub smoothness: f32,
 }
 
-/// How training uses a capture's sparse points, exposures, poses and moving objects.
+/// Settings for the use of a capture's sparse points, exposures, poses and moving objects in training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CaptureConfig {
@@ -134,14 +134,15 @@ pub struct CaptureConfig {
     pub depth: f32,
     /// Whether the initial occupancy grid marks the cells between each camera and its visible sparse points as empty.
     pub free_space: bool,
-    /// Whether each photograph has a learned gain for its exposure.
+    /// Choice of whether each photograph has a learned gain for its exposure: "auto", "own" or "shared".
     pub exposure: Exposure,
-    /// Whether training refines the photographs' poses; in an unbounded scene only.
+    /// Choice of whether training refines the photographs' poses: "auto", "refine" or "given". Unbounded scenes only.
     pub poses: PoseRefinement,
-    /// Whether pixels that show moving objects are left out of the loss; in an unbounded scene only.
+    /// Choice of whether pixels that show moving objects are left out of the loss: "auto" or "off". Unbounded scenes
+    /// only.
     pub moving: MovingObjects,
-    /// Whether some photographs are withheld from the first steps. The gap between their PSNR and that of the other
-    /// photographs then sets the weight decay.
+    /// Choice of whether some photographs are withheld from the first steps: "auto" or "off". The gap between their
+    /// PSNR and that of the other photographs then sets the weight decay.
     pub withhold: Withholding,
 }
 
@@ -158,7 +159,7 @@ impl Default for CaptureConfig {
     }
 }
 
-/// Whether each photograph has a learned gain for each colour channel, which models exposure and white balance.
+/// Choice of whether each photograph has a learned gain per colour channel, to model exposure and white balance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
@@ -172,13 +173,13 @@ pub enum Exposure {
     Shared,
 }
 
-/// Whether the photographs' poses are refined together with the field.
+/// Choice of whether the photographs' poses are refined together with the field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PoseRefinement {
     /// Poses stay as given if the median reprojection error of the sparse points is at most 2 pixels. Otherwise, poses
     /// are refined in the first 1,000 steps. If this moves the images by at least 0.008 focal lengths (median over the
-    /// photographs), refinement goes on; if not, the given poses are restored.
+    /// photographs), refinement continues; if not, the given poses are restored.
     Auto,
     /// Poses are refined throughout training.
     Refine,
@@ -186,7 +187,7 @@ pub enum PoseRefinement {
     Given,
 }
 
-/// Whether pixels that show moving objects are left out of the loss.
+/// Choice of whether pixels that show moving objects are left out of the loss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MovingObjects {
@@ -196,7 +197,7 @@ pub enum MovingObjects {
     Off,
 }
 
-/// Whether some photographs are withheld from the first steps of a run.
+/// Choice of whether some photographs are withheld from the first steps of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Withholding {
@@ -236,7 +237,8 @@ pub enum Jitter {
 pub struct OccupancyConfig {
     /// Whether training skips samples in empty cells.
     pub skip: bool,
-    /// Number of cells along the longest side of the scene box; 0: chosen by [`Config::occupancy_resolution`].
+    /// Number of cells along the longest side of the scene box. 0: a number from 32 to 128 that grows with the tables
+    /// of the learned grid; 128 without a learned grid.
     pub resolution: u16,
     /// Whether the occupancy grid begins as a visual hull: the cells that no image shows as background. Effective only
     /// if the images show which pixels are background.
@@ -249,7 +251,7 @@ pub struct OccupancyConfig {
     /// First step at which an update may turn occupied cells into empty ones.
     pub from: u32,
     /// Optical depth (density times bin width) above which a cell stays occupied. For a scene that is rendered by ray
-    /// march, export uses at least 0.03.
+    /// marching, export uses at least 0.03.
     pub threshold: f32,
     /// Factor by which an update multiplies a cell's stored density. The larger of the product and the new density is
     /// stored.
@@ -274,9 +276,9 @@ impl Config {
         self.model_of(Vec3::ONE)
     }
 
-    /// Returns the number of occupancy cells along the longest side of a box of this extent: `occupancy.resolution`,
-    /// unless this is 0. For 0, returns the largest candidate resolution whose bits take at most a third of the bytes
-    /// of the learned grid's tables: at least 32; 128 without a learned grid.
+    /// Returns the number of occupancy cells along the longest side of a box of this extent. If `occupancy.resolution`
+    /// is above 0, returns that number. Otherwise, returns the largest candidate resolution whose bits take at most a
+    /// third of the bytes of the learned grid's tables as f16; 32 if none does, 128 without a learned grid.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;
@@ -369,8 +371,8 @@ impl Config {
         }
     }
 
-    /// Adapts the settings to photographs of an unbounded scene: turns on contraction, and sets the grid's size, the
-    /// samples per step, the initial density and the occupancy grid. Without a grid, does [`Config::without_hull`]
+    /// Adapts the settings to photographs of an unbounded scene: turns on contraction, and sets the grid's size, march
+    /// steps, samples per step, initial density and occupancy grid. Without a grid, does [`Config::without_hull`]
     /// instead.
     pub fn unbounded(mut self) -> Self {
         let Some(grid) = &mut self.network.grid else { return self.without_hull() };

@@ -65,8 +65,8 @@ impl TableConfig {
         GridEncoding { inputs, features: self.features, log2_entries: self.log2_entries, resolutions }
     }
 
-    /// Returns whether training rounds the tables to quantisation steps after the fraction `share` of the run: from
-    /// [`ROUNDED_FROM`] on, unless the tables are stored as f16.
+    /// Returns whether training rounds the tables to quantisation steps after the fraction `share` of the run. Tables
+    /// stored as f16 are never rounded; all others are rounded from [`ROUNDED_FROM`] on.
     pub(crate) fn is_rounded(&self, share: f64) -> bool {
         self.storage != TableStorage::F16 && share >= ROUNDED_FROM
     }

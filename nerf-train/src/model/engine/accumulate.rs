@@ -12,7 +12,7 @@ const ROWS: usize = 32;
 /// Gradient of the loss with respect to one layer's parameters, summed over the chunks of one accumulator.
 #[derive(Default)]
 pub(super) struct LayerSum {
-    /// Whether anything was added since [`LayerSum::clear`]; if not, the values are stale.
+    /// Whether a gradient was added since [`LayerSum::clear`]. If false, the values are stale.
     touched: bool,
     /// Gradient with respect to the weights of the main inputs, `[outputs][padded main]`.
     main: Vec<f32>,
@@ -27,8 +27,9 @@ impl LayerSum {
         self.touched = false;
     }
 
-    /// Adds a chunk's gradient: `dy` (gradient with respect to the layer's outputs, `[blocks][outputs][BLOCK]`) times
-    /// the transposed inputs `[main, extra, 1]`, which are in `slots`. `transposed`: scratch buffer.
+    /// Adds a chunk's gradient: the product of `dy` and the layer's transposed inputs `[main, extra, 1]`. `dy`:
+    /// gradient with respect to the layer's outputs, `[blocks][outputs][BLOCK]`; `slots`: activation buffers, among
+    /// them the inputs; `transposed`: scratch buffer.
     pub(super) fn add(
         &mut self,
         isa: Isa,

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 /// Number of samples at which a chunk is full. The activations of this many samples fit the caches.
 pub(super) const SAMPLES: usize = 512;
-/// Number of rays at which a chunk is full, even if it has few samples: rays without samples cost time, too.
+/// Number of rays at which a chunk is full even with few samples: rays without samples take time, too.
 const RAYS: usize = 2048;
 
 /// Number of consecutive rays of a line ([`Batch::lines`]), on which the smoothness loss acts. Chunks hold whole lines.

@@ -63,7 +63,8 @@ impl Graph {
     }
 }
 
-/// Iterates over the blocks of [`BLOCK`] samples: index, and number of lanes to compute, a multiple of [`VECTOR`].
+/// Iterates over blocks of [`BLOCK`] samples. An item is a block's index and the number of the block's lanes to
+/// compute, a multiple of [`VECTOR`].
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))

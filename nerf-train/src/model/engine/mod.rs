@@ -14,7 +14,8 @@
 //!
 //! # One step, by the tape
 //!
-//! Complete steps in dfdx. The engines add views, viewing directions, the skipping of empty space, and checkpoints.
+//! The example trains a small field by complete steps in dfdx. The engines add viewing directions, the skipping of
+//! empty space, and checkpoints.
 //!
 //! ```
 //! use dfdx::optim::{Adam, AdamConfig};
@@ -145,7 +146,7 @@ pub fn engine_for(
     })
 }
 
-/// Trains a [`Model`] on batches.
+/// Engine that trains a [`Model`] on batches of rays.
 pub trait Engine: Send {
     /// Runs forward pass, backward pass and one Adam step at learning rate `rate`; returns the loss before the step.
     ///
@@ -154,7 +155,8 @@ pub trait Engine: Send {
     /// if the loss or a gradient is not finite. Parameters, moments and step count are then as before the call.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
-    /// Does [`Engine::step`]. Calls `prefetch` (work on the next batch) with the loss, if possible during the update.
+    /// Does [`Engine::step`], and calls `prefetch` with the loss to prepare the next batch. If the engine supports it,
+    /// the call runs at the same time as the update of the parameters.
     ///
     /// # Errors
     /// The errors of [`Engine::step`]; `prefetch` is then not called.
@@ -196,7 +198,8 @@ pub trait Engine: Send {
         Box::new(std::iter::empty())
     }
 
-    /// Returns, for each ray of the last batch with a known photograph: index, and rendered minus photographed colour.
+    /// Returns index and error of each ray whose photograph is known: the ray's index in the last batch, and rendered
+    /// minus photographed colour.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
@@ -275,7 +278,8 @@ pub struct StepLoss {
     pub mse: f64,
     /// Mean of ln(1 + sigma) over the batch's `empty` points, not yet multiplied by `empty_weight`; 0 without points.
     pub empty: f64,
-    /// Whether the batch has samples but none gets a gradient: all sigmas are 0 or, with a grid, all weights too small.
+    /// Whether the batch has samples but none gets a gradient: all sigmas are 0 or, with a grid, all compositing
+    /// weights are too small.
     pub dead: bool,
     pub evaluated: usize,
     /// Number of samples that got a colour and a backward pass.

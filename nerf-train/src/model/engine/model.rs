@@ -229,7 +229,7 @@ fn fold_into(out: &mut Vec<f32>, outer: &Dense, values: &[f32], inner: &Dense, i
     }
 }
 
-/// Returns a random number, uniform in [0, 1), that `seed` and `counter` determine.
+/// Returns the pseudorandom number of `seed` and `counter`, uniformly distributed in [0, 1).
 pub(super) fn uniform(seed: u64, counter: u64) -> f64 {
     f64::from(uniform_u32(seed, Purpose::Parameters, 0, counter)) / 4_294_967_296.0
 }

@@ -187,7 +187,8 @@ impl Pass {
         }
     }
 
-    /// Does the backward pass of density and trunk. If `colour`, adds to the colour branch's gradient in `self.upper`.
+    /// Does the backward pass of density head and trunk. `colour`: whether `self.upper` holds the gradient from the
+    /// colour branch, to which the gradient from the density head is added.
     fn backward_trunk(&mut self, job: Job<'_>, samples: usize, colour: bool) {
         let Graph { nodes, trunk, density, .. } = job.graph;
         if let Some(l) = *density {
@@ -219,7 +220,7 @@ impl Pass {
     }
 }
 
-/// Returns sigma, at most `SIGMA_LIMIT`, and d sigma / d raw; NaN stays NaN and shows in the loss.
+/// Returns sigma, at most `SIGMA_LIMIT`, and d sigma / d raw. For a `raw` of NaN, sigma is NaN, and so is the loss.
 pub(super) fn activate(activation: DensityActivation, raw: f32) -> (f32, f32) {
     let (value, slope) = match activation {
         DensityActivation::Relu => {

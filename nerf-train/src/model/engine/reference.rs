@@ -1,4 +1,4 @@
-//! The reference engine: the loss written with dfdx tensors, its derivative left to dfdx's tape.
+//! The reference engine of sinusoidal networks: dfdx tensors compute the loss, and dfdx's tape its gradient.
 
 use super::batch::{Chunk, cut};
 use super::graph::{DIRECTION, Graph, POSITION, encode_points};

@@ -11,7 +11,7 @@ pub(super) type Vector<T = NoneTape> = Tensor<(usize,), f32, Cpu, T>;
 pub(super) type Scalar = Tensor<Rank0, f32, Cpu, Taped>;
 pub(super) type Taped = OwnedTape<f32, Cpu>;
 
-/// Number of samples at which a tape gets no further ray. Activations of the 8×256 network then take some 300 MiB.
+/// Number of samples at which a tape gets no further ray. Activations of the 8×256 network then take about 300 MiB.
 pub(super) const TAPE_SAMPLES: usize = 4096;
 
 /// Parameters of one layer; main and extra inputs have separate matrices, as dfdx has no concatenation.
@@ -53,7 +53,8 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradient of layer `d`, taken from `found`, to the layer's range of `out`, the gradients of all layers.
+    /// Adds the gradient of layer `d`, taken from `found`, to the layer's range of `out`. `out`: gradient of the loss
+    /// with respect to the parameters of all layers.
     pub(super) fn collect(
         &self,
         d: &Dense,

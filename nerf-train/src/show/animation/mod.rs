@@ -102,7 +102,7 @@ pub(crate) fn check_rate(fps: f64) -> anyhow::Result<()> {
     bail!("cannot make the animation: {fps} frames per second is not a rate")
 }
 
-/// Fails if frame `index` has not the `expected` width and height, or if its number of pixels is not width × height.
+/// Checks that frame `index` has the `expected` width and height, and that its number of pixels is width × height.
 pub(crate) fn check_size(index: usize, frame: &Picture, expected: (usize, usize)) -> anyhow::Result<()> {
     if (frame.width, frame.height) != expected {
         let (width, height) = expected;
@@ -126,7 +126,7 @@ fn delay(index: usize, fps: f64) -> u16 {
 mod tests {
     use super::*;
 
-    /// Picture of a shaded, coloured ball on white, moved to the right by `shift` pixels.
+    /// Returns a picture of a shaded, coloured ball on white, moved to the right by `shift` pixels.
     fn frame(shift: usize) -> Picture {
         let pixel = |i: usize| {
             let x = (i % 200) as f32 / 100.0 - 0.7 - shift as f32 / 100.0;

@@ -19,7 +19,7 @@ const SIDE: usize = 400;
 pub struct Findings {
     pub(super) facts: String,
     pub(super) lines: Vec<String>,
-    /// The two photographs that contradict each other most, with their names; empty if there are none.
+    /// Names and thumbnails of the two photographs that contradict each other most; empty if there is no pair.
     pub(super) pair: Vec<(String, Thumbnail)>,
 }
 

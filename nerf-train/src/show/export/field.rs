@@ -23,7 +23,7 @@ impl<'a, 'b> Field<'a, 'b> {
         Self { renderer, plan }
     }
 
-    /// Whether the scene uses contracted space, which has no outside from which rays could find the scene's surfaces.
+    /// Returns whether the scene uses contracted space, and so has no outside from which rays could find surfaces.
     pub fn is_unbounded(&self) -> bool {
         self.renderer.blob().scene().is_some_and(|scene| scene.contraction().is_some())
     }

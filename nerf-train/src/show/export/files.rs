@@ -156,7 +156,7 @@ fn linear(value: f32) -> f32 {
     if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Creates the file at `path` with what `write` writes to it. If `write` fails, there is no new file.
+/// Creates the file at `path`, whose contents `write` writes. If `write` fails, no file is created.
 fn written(path: &Path, write: impl FnOnce(&mut AtomicFile) -> io::Result<()>) -> anyhow::Result<()> {
     let mut file = AtomicFile::create(path)?;
     write(&mut file).map_err(|source| OutputError::new(Attempt::Write, path, source))?;

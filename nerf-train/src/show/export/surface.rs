@@ -90,7 +90,8 @@ pub fn mesh(
     }
 }
 
-/// Makes the surface net of `surface`. `cells`: [`Lattice::cell_depths`] of each slice; `each` gets the slices done.
+/// Makes the surface net of `surface`. `cells`: [`Lattice::cell_depths`] of each slice. `each` is called with the
+/// number of finished slices.
 fn net<'l>(
     lattice: &'l Lattice,
     cells: Vec<Vec<f16>>,
@@ -142,7 +143,8 @@ struct Place {
     surface: Vec3,
 }
 
-/// Returns the position of each vertex after it is moved onto the surface, as in [`mesh`]; `None` if it is left out.
+/// Moves vertices towards the surface, as in [`mesh`]. Returns the new position of each vertex; `None` for a vertex
+/// that is left out.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,

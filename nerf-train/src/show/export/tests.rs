@@ -14,8 +14,8 @@ use std::collections::HashMap;
 
 const BOX: SceneBox = SceneBox { min: Vec3::splat(-1.0), max: Vec3::ONE };
 
-/// Surface net of a solid in a lattice 24 cells across: vertices, triangles, and the side of a cell. `distance`: signed
-/// distance from a point to the solid, below 0 inside.
+/// Returns the surface net of a solid in a lattice 24 cells across: vertices, triangles, and the side of a cell.
+/// `distance`: signed distance from a point to the solid, below 0 inside.
 fn net(distance: impl Fn(Vec3) -> f32) -> (Vec<Vec3>, Vec<[u32; 3]>, f32) {
     let lattice = Lattice::new(&BOX, 24).expect("a lattice");
     let mut net = Net::new(&lattice);
@@ -27,8 +27,8 @@ fn net(distance: impl Fn(Vec3) -> f32) -> (Vec<Vec3>, Vec<[u32; 3]>, f32) {
     (net.positions, net.triangles, lattice.cell)
 }
 
-/// Volume of a mesh, above 0 if its triangles face outward. Fails unless each edge is used once in each direction, as
-/// in a closed surface of consistent orientation.
+/// Returns the volume of a mesh, above 0 if its triangles face outward. Fails unless each edge is used equally often in
+/// both directions, as in a closed surface of consistent orientation.
 fn closed_volume(positions: &[Vec3], triangles: &[[u32; 3]]) -> f32 {
     let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
     let mut volume = 0.0;
@@ -66,8 +66,8 @@ fn a_ring_has_a_hole_and_what_reaches_the_box_is_closed_there() {
     assert!((volume - (2.0 + cell).powi(3)).abs() < 0.5, "{volume}");
 }
 
-/// Vertices of the visible surface in a lattice 40 cells across. `density`: density at a point of the box −1 to 1.
-/// `decay`: as in [`OpticalDepth::new`], number of cells; infinite: no decay.
+/// Returns the vertices of the visible surface in a lattice 40 cells across. `density`: density at a point of the box
+/// −1 to 1. `decay`: as in [`OpticalDepth::new`], number of cells; infinite: no decay.
 fn seen(density: impl Fn(Vec3) -> f32, decay: f32) -> Vec<Vec3> {
     let lattice = Lattice::new(&BOX, 40).expect("a lattice");
     let within = |p: Vec3| if p.abs().max_element() > 1.001 { 0.0 } else { density(p) };

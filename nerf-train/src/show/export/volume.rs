@@ -99,7 +99,7 @@ pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
     Ok(write_atomic(path, &archive.finish().context(failed)?.into_inner())?)
 }
 
-/// Returns the header of a `.npy` file of format 1.0, of a multiple of 64 bytes. `kind`: numpy type, such as `<f4`.
+/// Returns the header of a `.npy` file (format 1.0), padded to a multiple of 64 bytes. `kind`: numpy type, as `<f4`.
 fn npy_header(kind: &str, shape: &str) -> Vec<u8> {
     let mut text = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
     // Magic, version and length take ten bytes, the line end one.

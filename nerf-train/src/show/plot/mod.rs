@@ -131,7 +131,8 @@ impl LinePlot {
         Ok(paths)
     }
 
-    /// Whether the axes can show the point: no coordinate exceeds `LARGEST`; on a logarithmic axis, x ≥ `1 / LARGEST`.
+    /// Returns whether the axes can show the point: no coordinate exceeds `LARGEST` in magnitude and, on a logarithmic
+    /// axis, x ≥ `1 / LARGEST`.
     fn has_place(&self, (x, y): (f64, f64)) -> bool {
         x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
     }

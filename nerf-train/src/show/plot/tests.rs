@@ -6,7 +6,7 @@ fn plot_of(points: Vec<(f64, f64)>, marker: Marker) -> LinePlot {
     plot
 }
 
-/// Number of pixels whose colour is nearly `colour`.
+/// Returns the number of pixels whose colour is nearly `colour`.
 fn count(picture: &Picture, colour: RGBColor) -> usize {
     let target = [colour.0, colour.1, colour.2].map(|v| f32::from(v) / 255.0);
     let near = |rgb: &&[f32; 3]| (0..3).all(|c| (rgb[c] - target[c]).abs() < 0.02);

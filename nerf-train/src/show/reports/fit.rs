@@ -101,8 +101,9 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
     Ok(())
 }
 
-/// Makes a contact sheet: a row per view, a column per step, and last ground truth over `background`; `None` if empty.
-/// Snapshots are read from `folder`, including those saved before a resume. A missing snapshot becomes a grey cell.
+/// Makes a contact sheet with a row per view, a column per step, and a last column of ground truth over `background`;
+/// `None` without snapshots. The pictures, also those saved before a resume, are read from `folder`. A missing
+/// picture becomes a grey cell.
 fn sheet(
     title: &str,
     folder: &Path,

@@ -10,7 +10,8 @@ use crate::system::summary;
 use crate::train::CurvePoint;
 use std::path::{Path, PathBuf};
 
-/// Writes the whole report. `snapshots`: requested snapshot steps; the pictures are read from `folder/snapshots`.
+/// Writes all files of the report into `folder`. `snapshots`: steps of the snapshots, whose pictures are read from
+/// `folder/snapshots`.
 pub fn write(
     folder: &Path,
     photo: &Photo,

@@ -13,7 +13,8 @@ use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Largest number of curves in a plot: more could not be told apart. Runs of more curves are combined into one or two.
+/// Largest number of curves in a plot; more could not be told apart. A plot of more curves shows one or two curves that
+/// combine all runs.
 const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the contact sheet, pixels.
 const THUMBNAIL: usize = 256;

@@ -24,7 +24,7 @@ const LISTING_PATIENCE: Duration = Duration::from_secs(10);
 const LAST_WORDS: Duration = Duration::from_millis(200);
 /// Largest number of bytes kept of ffmpeg's list of encoders, which has about 20 KB.
 const LISTING_BYTES: usize = 1 << 20;
-/// Number of bytes kept of ffmpeg's messages: the last ones, which tell why ffmpeg failed.
+/// Number of bytes kept from the end of ffmpeg's messages, which states why ffmpeg failed.
 const KEPT_BYTES: usize = 8 << 10;
 
 const X264: [&str; 4] = ["-c:v", "libx264", "-crf", "16"];

@@ -9,7 +9,7 @@ fn ball(width: usize, height: usize, shift: usize) -> Picture {
     Picture::new(width, height, (0..width * height).map(pixel).collect()).unwrap()
 }
 
-/// A script that stands in for ffmpeg: lists libx264, then does `body`.
+/// Creates a script in place of ffmpeg, which lists libx264 as encoder, then runs `body`.
 #[cfg(unix)]
 fn fake(folder: &Path, body: &str) -> Ffmpeg {
     use std::os::unix::fs::PermissionsExt;

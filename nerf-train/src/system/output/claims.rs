@@ -161,7 +161,7 @@ impl Claims {
         Ok(())
     }
 
-    /// Does [`check`](Self::check), then creates the folders of all outputs and tests that files can be written there.
+    /// Calls [`check`](Self::check), then creates the folders of all outputs and tests that files can be written there.
     ///
     /// # Errors
     /// [`ClaimError`]; nothing is created if `check` refuses an output.

@@ -1,4 +1,4 @@
-//! Mark in the images and videos that this program makes, by which it recognises its own files.
+//! Mark that this program writes into its images and videos, to recognise its own files later.
 //!
 //! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata, an EXR in its
 //! attribute `comments`.

@@ -155,7 +155,8 @@ impl AtomicFile {
         &self.path
     }
 
-    /// Returns the path of a file to which another program may write before the commit, but which it must not replace.
+    /// Returns the path of the temporary file, or of the device. Another program may write to this file before the
+    /// commit, but must not replace it.
     pub fn place(&self) -> &Path {
         match &self.sink {
             Sink::Temporary(buffer, _) => buffer.get_ref().path(),
@@ -211,8 +212,8 @@ pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputEr
 /// Writes `bytes` to `path`, whole, unless a file of that name exists. Returns whether the file was written.
 ///
 /// If several processes call this with one name, exactly one gets true. Some file systems have neither hard links nor a
-/// rename that refuses to replace a file. There the file is written as by [`write_atomic`], and more than one process
-/// may get true.
+/// rename that refuses to replace a file. On such a file system the file is written as by [`write_atomic`], and more
+/// than one process may get true.
 pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
     let path = path.as_ref();
     let fail = |attempt| move |source| OutputError::new(attempt, path, source);
@@ -229,12 +230,13 @@ pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputErr
     }
 }
 
-/// Whether the error may mean a file system without hard links: link(2) gives EPERM, other systems EINVAL or ENOSYS.
+/// Whether an error of this kind may mean that the file system has no hard links: link(2) gives EPERM, other systems
+/// EINVAL or ENOSYS.
 fn cannot_link(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
 }
 
-/// Creates the folder with its parents, and tests that files can be written there. To be called before long work.
+/// Creates the folder with its parents, and tests that files can be written there. Call this before long work.
 ///
 /// # Errors
 /// [`Attempt::CreateFolder`] or [`Attempt::ProbeFolder`].
@@ -270,7 +272,7 @@ impl Drop for Listed {
     }
 }
 
-/// Removes all temporary files and folders, and blocks the creation of new ones. To be called when the process ends.
+/// Removes all temporary files and folders, and blocks the creation of new ones. Call this when the process ends.
 pub fn remove_temporaries() {
     let listed = lock(&TEMPORARIES);
     for path in &*listed {
@@ -317,7 +319,7 @@ fn new_temporary(folder: &Path) -> io::Result<(NamedTempFile, Listed)> {
     Ok((temporary, Listed(path)))
 }
 
-/// Waits until all of a file or folder is on the disk.
+/// Waits until the contents of a file or folder are on the disk.
 fn sync(file: &File) -> io::Result<()> {
     #[cfg(test)]
     tests::at_sync(file);

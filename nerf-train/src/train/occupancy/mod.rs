@@ -20,8 +20,8 @@ pub use silhouette::is_foreground;
 /// Least fraction of candidate cells that an update must leave occupied; else the update is not applied. A field that
 /// has lost all density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// Divisor `d`: a cell of the visual hull must be seen by at least `n / d` views, if `n` views see the most visible
-/// cell. This excludes space behind the scene, which few cameras see.
+/// Divisor of the number of views that see the most visible cell. A cell of the visual hull must be seen by at least
+/// the quotient. This excludes space behind the scene, which few cameras see.
 const SEEN_SHARE: u32 = 4;
 /// Limit on the multiply-adds of a final update with eight points per cell; above the limit, each cell gets one point.
 const SETTLE_MACS: usize = 300_000_000_000;
@@ -118,7 +118,8 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// Returns how many cells a box with sides `extent` has along x, y, z; `resolution`: number along the longest side.
+    /// Returns the numbers of cells along x, y, z of a box with sides `extent`. `resolution`: number along the longest
+    /// side.
     pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
         let cell = extent.max_element() / f32::from(resolution);
         extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
@@ -131,10 +132,10 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// Creates the grid of an unbounded scene. A cell is occupied if two cameras at least `apart` world units apart see
-    /// it, or if there is one view only, but not if the cell is too near to a camera or free. `nears`: for each view,
-    /// the distance from its camera within which space is empty, world units. `free`: for each cell, whether it is
-    /// free; an empty slice if unknown.
+    /// Creates the first grid of an unbounded scene. A cell is occupied if two cameras at least `apart` world units
+    /// apart see it. With a single view, cells outside of the view are occupied, too. Cells too near to a camera, free
+    /// cells and cells outside of contracted space are empty. `nears`: for each view, the distance from its camera
+    /// within which space is empty, world units. `free`: for each cell, whether it is free; an empty slice if unknown.
     pub fn seen(
         bounds: SceneBox,
         resolution: u16,
@@ -280,8 +281,8 @@ impl Occupancy {
     }
 
     /// Evaluates the density in at most `cells` candidate cells, each at one random point; successive calls evaluate
-    /// other cells. A cell stores the larger of the new density and `decay` times the stored one. If `drop`, empties
-    /// all candidates evaluated so far whose stored density is below `threshold`, 1/world unit.
+    /// other cells. A cell stores the larger of the new density and `decay` times the stored density. If `drop`,
+    /// empties all candidates evaluated so far whose stored density is at most `threshold`, 1/world unit.
     pub fn refresh(&mut self, ask: &DensityQuery<'_>, cells: usize, threshold: f32, decay: f32, drop: bool) {
         let parts = self.candidates.len().div_ceil(cells.max(1)).max(1);
         let part = (self.refreshes % parts as u64) as usize;
@@ -342,7 +343,7 @@ impl Occupancy {
         }
     }
 
-    /// Makes each candidate cell occupied that touches an occupied cell.
+    /// Marks each candidate cell that touches an occupied cell as occupied.
     fn dilate(&mut self) {
         let sides = self.live.resolution.map(i64::from);
         let live = self.lookup();
@@ -374,8 +375,9 @@ impl Occupancy {
         sigma
     }
 
-    /// Makes candidates occupied whose stored density is above `threshold` (1/world unit) or unknown, and empties all
-    /// others. Changes nothing if less than the fraction `smallest_share` of the candidates would be occupied.
+    /// Sets the occupancy of the candidates: occupied if the stored density is above `threshold` (1/world unit) or
+    /// unknown, else empty. Changes nothing if less than the fraction `smallest_share` of the candidates would be
+    /// occupied.
     fn apply(&mut self, threshold: f32, smallest_share: f64) {
         let live = |&density: &f32| density == UNKNOWN || density > threshold;
         let count = self.density.iter().filter(|density| live(density)).count();

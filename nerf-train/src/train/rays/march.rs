@@ -8,7 +8,8 @@ use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples whose cells are tested together.
 const GROUP: usize = 16;
-/// 2^23. In the sum of this constant and an f32 from 0 to 2^22, the lowest bits are the f32 rounded to an integer.
+/// Constant for rounding, 2^23. In the sum of this constant and an f32 from 0 to 2^22, the lowest bits are the f32
+/// rounded to an integer.
 const MAGIC: f32 = 8_388_608.0;
 
 /// Number of cells along each side of a block. The march skips empty blocks.
@@ -22,7 +23,7 @@ pub struct MarchCells {
     /// Occupancy bit of each cell at index `(x ny + y) nz + z`, least significant bit of a byte first.
     bits: Vec<u8>,
     blocks: [u16; 3],
-    /// One bit per block, in the order of `bits`: whether the block or one next to it has an occupied cell.
+    /// One bit per block, in the order of `bits`: whether the block or a neighbouring block has an occupied cell.
     near: Vec<u8>,
 }
 
@@ -73,14 +74,15 @@ struct Lookup<'a> {
     bits: &'a [u8],
     resolution: [u32; 3],
     last: [f32; 3],
-    /// Origin of the ray in units of cells, minus half a cell. Rounding a point of the ray then gives its cell's index.
+    /// Origin of the ray in units of cells or blocks, minus one half. Rounding a point of the ray then gives the index
+    /// of its cell or block.
     from: [f32; 3],
     along: [f32; 3],
 }
 
 impl<'a> Lookup<'a> {
-    /// Prepares lookups of `bits`, one per cell or block, at points of `ray`. `resolution`: cells or blocks per axis,
-    /// rounded up to whole blocks; `sides`: the same before rounding.
+    /// Prepares lookups of `bits`, one per cell or block, at points of `ray`. `resolution`: number of cells or blocks
+    /// per axis. `sides`: sides of the box in cells or blocks, which for blocks may be fractions.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -122,8 +124,8 @@ fn first_bits(count: u32) -> u32 {
     u32::MAX >> (32 - count.min(GROUP as u32))
 }
 
-/// Ray march: appends to `positions` the points of `ray` at `t = first + i step`, `i < count`, in occupied cells. All
-/// points must be inside the box. A point on a face between two cells may count as in either.
+/// Ray march in a bounded scene. Appends to `positions` the points of `ray` in occupied cells, at `t = first + i step`
+/// for `i < count`. All points must be inside the box. A point on a face between two cells may count as in either.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,
@@ -166,12 +168,12 @@ impl Op for March<'_> {
     }
 }
 
-/// Ray march of an unbounded scene; see [`March`]. `ray`: moved by [`Contraction::centred`]. `start`: world-space
+/// Ray march in an unbounded scene; see [`March`]. `ray`: moved by [`Contraction::centred`]. `start`: world-space
 /// distance from the camera to the origin of `ray`. `first`, `step`: in units of `s` in [`Contraction::distance`].
 ///
 /// Appends to `samples` contracted points, step lengths in world units, and factors on the samples' gradients. A factor
 /// is the squared distance from the camera, in radii of the uncontracted ball, and at most 1. Without these factors,
-/// the many rays through cells near a camera would produce floaters there.
+/// the many rays through cells near a camera would produce floaters near the camera.
 ///
 /// # Source
 /// Philip and Deschaintre 2023, "Floaters No More".

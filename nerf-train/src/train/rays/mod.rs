@@ -24,7 +24,8 @@ const CHUNK: usize = 128;
 /// Number of rays that one task marches in an unbounded scene. Batches have fewer, longer rays than in a bounded scene.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// One in this number of rays of an unbounded scene is cast along a line of sight.
+/// Divisor of a batch's number of rays in an unbounded scene. The quotient is the number of rays cast along lines of
+/// sight.
 const SIGHT_SHARE: usize = 8;
 
 /// Pixels of all training views, from which batches are drawn, and the settings by which their rays are sampled.
@@ -139,7 +140,8 @@ impl<'d> RayBank<'d> {
         self.sights.get(scale(bits, self.sights.len() as u64) as usize)
     }
 
-    /// Returns the view and pixel indices of the line of pixels to which ray `index` belongs; `None` without a line.
+    /// Returns the view and pixel indices of the line of pixels to which ray `index` belongs; `None` if the ray belongs
+    /// to no line.
     fn line(&self, step: u64, index: u64, rays: usize) -> Option<(usize, [usize; LINE])> {
         let first = index - index % LINE as u64;
         let on_lines = rays_on_lines(rays / SIGHT_SHARE, rays);
@@ -414,7 +416,8 @@ impl<'d> RayBank<'d> {
         (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
     }
 
-    /// Returns the distance of the sample in bin `bin` of ray `index`, world units; never below that of an earlier bin.
+    /// Returns the distance of the sample in bin `bin` of ray `index`, world units; never below the distance in an
+    /// earlier bin.
     fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
         let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
         match self.sampling.jitter {
@@ -430,7 +433,8 @@ impl<'d> RayBank<'d> {
     }
 }
 
-/// Appends `rays` rays to `batch`, found by parallel calls of `march` for `chunk` rays each. Returns their summed time.
+/// Appends `rays` rays to `batch`, found by parallel calls of `march` for `chunk` rays each. Returns the summed time of
+/// the calls.
 fn marched(
     batch: &mut Batch,
     rays: usize,

@@ -13,7 +13,8 @@ pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"
 /// Least optical thickness of occupied cells in the exported grid, over one march step. Training uses lower values in
 /// bounded scenes: the exported grid leaves out thin fog, so that views take a fifth less time at the same PSNR.
 const EXPORTED: f32 = 0.1;
-/// [`EXPORTED`] for photographs that contradict each other. Without the thin fog in such fields, PSNR falls by 0.2 dB.
+/// Value in place of [`EXPORTED`] if the photographs contradict each other. Without the thin fog in such fields, PSNR
+/// falls by 0.2 dB.
 const EXPORTED_FOG: f32 = 0.03;
 
 /// The field and occupancy grid of a run at one step, as they would be exported.

@@ -41,7 +41,7 @@ const HELD_OUT_VIEWS: usize = 64;
 /// Number of restarts before a run is given up.
 pub(crate) const RESEEDS: u32 = 3;
 
-/// A fit of a radiance field: data, settings and everything that changes from step to step.
+/// Fit of a radiance field: data, settings and everything that changes from step to step.
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
@@ -292,7 +292,8 @@ impl<'d> Trainer<'d> {
         Ok(())
     }
 
-    /// In an unbounded scene, marks cells of the last step's samples of enough weight as visible; see [`MARKED_FROM`].
+    /// Marks the cells of the last step's samples as visible, if the samples have enough weight. Does nothing in a
+    /// bounded scene, or before the fraction [`MARKED_FROM`] of the run.
     fn mark_weighted(&mut self, share: f64) {
         if self.bounds.contraction.is_none() || share < MARKED_FROM {
             return;
@@ -374,7 +375,7 @@ impl<'d> Trainer<'d> {
         self.config.occupancy.threshold / width
     }
 
-    /// Restarts with another seed because all densities became 0, as can happen with ReLU. An error after [`RESEEDS`]
+    /// Restarts with another seed because all densities became 0, as can happen with ReLU. Fails after [`RESEEDS`]
     /// restarts.
     fn reseed(&mut self) -> Result<(), TrainError> {
         let restarts = self.state.progressed.reseeds + 1;
@@ -436,7 +437,8 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Updates `before`, the smoothed number of samples per ray (0 at first), by a batch of `rays` rays and `live` samples.
+/// Returns the smoothed number of samples per ray after a batch of `rays` rays and `live` samples. `before`: the
+/// smoothed number before the batch; 0 at first.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }

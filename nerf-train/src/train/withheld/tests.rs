@@ -3,8 +3,8 @@ use crate::data::demo;
 use crate::model::config::Preset;
 use crate::model::engine::BatchRay;
 
-/// The finding if the photographs trained on have root-mean-square errors of `trained`, and the others of
-/// `withheld`.
+/// Returns the finding for root-mean-square errors of `trained` in the photographs that are trained on, and of
+/// `withheld` in the withheld photographs.
 fn verdict(trained: f32, withheld: f32) -> WithheldFound {
     let (views, config) = (demo::small(30, 1, 8).train, Preset::Grid.config());
     let mut state = Withheld::of(&views, &config).expect("enough photographs");

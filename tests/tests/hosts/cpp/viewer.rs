@@ -1,4 +1,4 @@
-//! The viewer, without its window: what it draws and when, and what it writes.
+//! The viewer without its window: its images, the order of its frames, and the files that it writes.
 
 use super::{WARNINGS, bytes_of, content, examples, numbers, printed_camera, read_png, reference};
 use nerf_core::plan::Outputs;
@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// The viewer without a window, built once.
+/// Returns the path of the viewer without a window, which is built once.
 fn viewer() -> &'static Path {
     static BUILT: OnceLock<PathBuf> = OnceLock::new();
     BUILT.get_or_init(build_viewer)
@@ -27,7 +27,7 @@ fn build_viewer() -> PathBuf {
     program
 }
 
-/// The work of a frame that the viewer reports.
+/// Returns the multiply-adds of a frame, from a line that the viewer prints.
 fn macs(line: &str) -> f32 {
     let [macs] = numbers(line, "macs");
     macs
@@ -106,7 +106,7 @@ fn viewer_shows_whole_tiles_of_a_frame_that_was_cancelled() {
     assert!((4..=6).contains(&finished), "{finished} tiles: {said}");
 }
 
-/// The smallest scene, by another name of its data (below 128 bytes).
+/// Returns the smallest scene's file with another name for its data; the name must be shorter than 128 bytes.
 fn scene_of(data: &str) -> Vec<u8> {
     const HEADER: usize = 32;
     let mut blob = Recipe::TINY.blob();
@@ -141,7 +141,7 @@ fn viewer_saves_the_views_that_were_chosen_as_a_camera_path() {
     }
 }
 
-/// Two views, of which the last is that at rest, in coordinates that count from `origin`.
+/// Verifies that `path` has two views, the last of which is the view at rest, in coordinates relative to `origin`.
 fn is_path_of(path: &serde_json::Value, said: &str, [width, height]: [u32; 2], origin: [f64; 3]) {
     assert_eq!((&path["render_width"], &path["render_height"]), (&width.into(), &height.into()));
     let views = path["camera_path"].as_array().expect("views");

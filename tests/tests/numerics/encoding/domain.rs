@@ -1,4 +1,5 @@
-//! What the encoding is not made for never reaches it: boxes, points, directions and cameras are refused in front.
+//! Inputs outside the encoding's domain never reach the encoding: boxes, points, directions and cameras are refused
+//! before.
 
 use crate::blob::{SCENE, body};
 use crate::table::{Row, Worst, cases};
@@ -19,7 +20,7 @@ cases! {
     cameras_at_no_place_are_refused: "cameras of them" => cameras;
 }
 
-/// Sizes far beyond any domain, and what is no size.
+/// Sizes far beyond any domain, infinities, and NaN.
 const FAR: [f32; 5] = [1e30, f32::MAX, f32::INFINITY, f32::NEG_INFINITY, f32::NAN];
 
 fn boxes() -> Vec<Row> {
@@ -60,7 +61,7 @@ fn boxes() -> Vec<Row> {
     vec![worst.row("any", "any", 0.0)]
 }
 
-/// A query of colour at one point.
+/// Evaluates density and colour at one point.
 fn ask(kernel: Kernel, position: [f32; 3], dir: [f32; 3]) -> Result<(f32, [f32; 3], Counters), RenderError> {
     let bytes = Recipe::PLAIN.blob();
     let blob = Blob::open(&bytes).expect("a blob");

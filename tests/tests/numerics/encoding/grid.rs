@@ -1,4 +1,4 @@
-//! Learned grids at every level, with every kernel, from f16, from f32 and from int8.
+//! Errors of learned grids at every level, with every kernel, from f16, f32 and int8 tables.
 
 use crate::table::{Row, Worst, cases, isas};
 use nerf_core::Isa;
@@ -21,7 +21,7 @@ cases! {
     spherical_harmonics_of_every_direction: "absolute error of Y_l^m below degree 4" => harmonics;
 }
 
-/// Points of 0..1 that hurt: faces of cells and their neighbours, ±0, subnormals, both ends, and noise.
+/// Returns difficult coordinates in 0..1: cell faces and their neighbours, ±0, subnormals, both ends, and noise.
 fn points(inputs: usize, cells: &[u16]) -> Vec<f32> {
     let mut state = 1;
     let ends = [1.0, 1f32.next_down(), 1f32.next_up()];
@@ -103,7 +103,7 @@ fn grid(inputs: u8, features: u8, log2_entries: u8, cells: &[u16]) -> Vec<Row> {
     worst.into_iter().zip(names).map(|(worst, name)| worst.row(name, "exact", 1.0)).collect()
 }
 
-/// Bands 0 to 3 in Cartesian form, from the table in Sloan 2013, in f64.
+/// Returns the real spherical harmonics of bands 0 to 3 in Cartesian form, from the table in Sloan 2013, in f64.
 fn table([x, y, z]: [f64; 3]) -> [f64; 16] {
     let k = |n: f64| (n / std::f64::consts::PI).sqrt();
     [

@@ -1,4 +1,4 @@
-//! Laws of the encoding at points that proptest draws: what is exact in it is exact to the bit.
+//! Laws of the positional encoding at points that proptest draws; exact identities hold to the bit.
 
 use crate::property::law;
 use crate::table::{BACKENDS, Row, cases, isas};
@@ -17,7 +17,7 @@ cases! {
     places_in_a_block_change_no_bit: "difference" => || points([0.0; 4], places);
 }
 
-/// 16 levels with π: what every law is about.
+/// Encoding that every law tests: 16 levels with π.
 const ENCODING: SinusoidalEncoding =
     SinusoidalEncoding { inputs: 1, levels: LEVELS, scale: AngleScale::Pi, identity: false };
 const LEVELS: u8 = 16;
@@ -35,7 +35,7 @@ impl fmt::Display for Point {
     }
 }
 
-/// Coordinates of scenes, of every size up to 1e4, and multiples of powers of two.
+/// Draws coordinates of scenes, coordinates of every size up to 1e4, and multiples of powers of two.
 fn any_point() -> impl Strategy<Value = Point> {
     let bits = any::<u32>().prop_map(f32::from_bits).prop_filter("up to 1e4", |x| x.abs() <= 1e4);
     let x = prop_oneof![
@@ -47,14 +47,15 @@ fn any_point() -> impl Strategy<Value = Point> {
     (x, -600i32..600).prop_map(|(x, turns)| Point { x, turns })
 }
 
-/// Half turns, whose reduced angle is π or −π; what is too small to be moved by a turn; the worst of a long hunt.
+/// Returns half turns, whose reduced angle is π or −π; values so small that a turn would absorb them; and the worst
+/// points of a long search.
 fn known() -> impl Iterator<Item = Point> {
     [(3.0, -55), (1e-45, -1), (-0.0, 1), (1.885_880_8e-1, 7), (2.042_999_3e-1, 512)]
         .into_iter()
         .map(|(x, turns)| Point { x, turns })
 }
 
-/// Points of each law for each backend.
+/// Number of points per law and backend.
 const POINTS: u32 = 4000;
 
 fn points(bounds: [f64; 4], measure: fn(&Point, Isa, MathBackend) -> f64) -> Vec<Row> {
@@ -78,14 +79,14 @@ fn points_of(
         .collect()
 }
 
-/// `(sin, cos)` of every level.
+/// Returns `(sin, cos)` of every level.
 fn encode(x: f32, isa: Isa, math: MathBackend) -> [(f32, f32); LEVELS as usize] {
     let mut out = [0.0; 2 * LEVELS as usize * 16];
     encode_block(isa, math, &ENCODING, 16, &[x; 16], &mut out);
     std::array::from_fn(|level| (out[32 * level], out[32 * level + 16]))
 }
 
-/// Largest difference of two numbers; none between 0 and −0.
+/// Returns the largest difference between the numbers of two sequences; 0 and −0 do not differ.
 fn differing(a: impl IntoIterator<Item = (f32, f32)>, b: impl IntoIterator<Item = (f32, f32)>) -> f64 {
     let pairs = a.into_iter().zip(b).flat_map(|(a, b)| [(a.0, b.0), (a.1, b.1)]);
     worst_of(pairs.map(|(a, b)| (f64::from(a) - f64::from(b)).abs()))
@@ -111,7 +112,8 @@ fn turns(point: &Point, isa: Isa, math: MathBackend) -> f64 {
     differing(encode(point.x, isa, math), encode(moved, isa, math))
 }
 
-/// Of all backends but the recurrence, which saves just that: it takes each level from the one before.
+/// Measures whether level `k` of x is level 0 of `2^k x`. The recurrence is excluded, since it computes each level from
+/// the level before.
 fn firsts() -> Vec<Row> {
     assert_eq!(BACKENDS[3].1, MathBackend::Recurrence);
     points_of(&BACKENDS[..3], &[0.0; 3], first)

@@ -1,5 +1,5 @@
-//! Rays that keep next to nothing, where one network a ray is asked at the mean of what they met: down to opacities that are
-//! no normal numbers, and to none.
+//! Rays of tiny opacity in scenes with deferred shading, where the network runs once per ray at the weighted mean of
+//! the features: opacities down to subnormal numbers and 0.
 
 use super::frame;
 use crate::blob::{SCENE, body, weights};
@@ -19,10 +19,10 @@ cases! {
     rays_of_denormal_opacity: "pixels that are no numbers or too bright, and networks asked for nothing" => denormal;
 }
 
-/// What colours may err by: four times what was seen.
+/// Bound of the error of colours: four times the observed error.
 const BOUND: f64 = 3e-7;
 
-/// A medium of density `exp(bias)` whose grid is 0.5 everywhere, in front of black.
+/// Makes a scene of density `exp(bias)` whose grid is 0.5 everywhere, with a black background.
 fn blob(bias: f32) -> Vec<u8> {
     let grid = GridEncoding {
         inputs: 3,

@@ -1,4 +1,5 @@
-//! Networks of finite f16 weights whose values leave f32: what a blob may hold, and what no pixel may show.
+//! Networks with finite f16 weights whose values overflow f32: a scene file may contain these networks, but no pixel
+//! may show the overflow.
 
 use super::frame;
 use crate::blob::{SCENE, bytes, weights};
@@ -21,15 +22,15 @@ cases! {
     queries_of_values_beyond_f32: "answers that are no numbers, or not counted as such" => queries;
 }
 
-/// Layers of 64 units that grow past f32: each multiplies by 64 · 65,504.
+/// Number of layers of 64 units that make values grow beyond f32: each multiplies by 64 · 65,504.
 const LAYERS: usize = 8;
 
-/// 65,504, and 1.
+/// The largest f16, 65,504.
 const MOST: u16 = 0x7bff;
 const ONE: u16 = 0x3c00;
 
-/// All units are alike, and infinite in the end: a density of +inf, of inf − inf, or infinite beside a colour of
-/// inf · 0.
+/// Makes a scene whose units are all equal and finally infinite. `kind` 0: density +inf. 1: density inf − inf. 2:
+/// infinite density and colour inf · 0.
 fn blob(kind: usize) -> Vec<u8> {
     let shape = Architecture {
         position: SinusoidalEncoding { inputs: 3, levels: 2, scale: AngleScale::Pi, identity: true }.into(),
@@ -52,13 +53,13 @@ fn blob(kind: usize) -> Vec<u8> {
     bytes(&shape, &all)
 }
 
-/// Looks at the box from in front of it, from outside of `far` at the corners.
+/// Returns a camera in front of the box; its distance at the corners is greater than `far`.
 fn camera() -> Camera {
     let pose = Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 4.0]]);
     Camera::new(Intrinsics::centred(8, 8, 8.0), Lens::NONE, pose).expect("a camera")
 }
 
-/// All there is.
+/// All outputs of a pixel.
 const OUTPUTS: Outputs = Outputs { median_distance: true, normals: true, ..Outputs::ALL };
 
 fn frames(kind: usize, wrong: fn(&[Pixel], &Counters) -> Option<String>) -> Vec<Row> {
@@ -76,7 +77,7 @@ fn frames(kind: usize, wrong: fn(&[Pixel], &Counters) -> Option<String>) -> Vec<
     BACKENDS.iter().map(row).collect()
 }
 
-/// Something that is no number, or not in its range.
+/// Returns a description of the first pixel with a value that is not finite or is outside its range.
 fn numbers(pixels: &[Pixel]) -> Option<String> {
     let sound = |p: &&Pixel| {
         let all = p.rgb.iter().chain(&p.normal).chain([&p.ray_distance, &p.z_depth, &p.median_distance]);

@@ -1,4 +1,4 @@
-//! Activations at and beyond the ends of their ranges.
+//! Activation functions at and beyond the ends of their ranges.
 
 use super::ask;
 use crate::blob::{bytes, weights};
@@ -17,7 +17,7 @@ cases! {
     densities_of_every_activation_are_none_or_more: "densities below 0 or NaN" => densities;
 }
 
-/// Values at ±1e4 and ±inf: 0 below, and above what is `expected` at 1e4 and at inf.
+/// Measures values at ±1e4 and ±inf: the result must be 0 for negative inputs, and `expected` at 1e4 and at inf.
 fn ends(function: Elementary, expected: [f64; 2]) -> Vec<Row> {
     let row = |&(name, math): &(&'static str, MathBackend)| {
         let mut worst = Worst::default();
@@ -70,7 +70,7 @@ fn ranges() -> Vec<Row> {
     BACKENDS.iter().map(row).collect()
 }
 
-/// A number would be drawn, and nobody would count it.
+/// Counts NaNs that an activation function hides. A hidden NaN would be rendered without being counted as invalid.
 fn no_numbers() -> Vec<Row> {
     use Elementary::{Decay, Exp, Expm1, Sigmoid, Softplus};
     let row = |&(name, math): &(&'static str, MathBackend)| {
@@ -89,7 +89,7 @@ fn no_numbers() -> Vec<Row> {
     BACKENDS.iter().map(row).collect()
 }
 
-/// One unit that is off, and a density head of −1 and −0: its sum is −0.
+/// Measures networks whose raw density is −0: the unit before the density head gives 0, and the head's bias is −0.
 fn minus_zero() -> Vec<Row> {
     let mut worst = Worst::default();
     let shape = Architecture {
@@ -124,7 +124,7 @@ fn minus_zero() -> Vec<Row> {
     vec![worst.row("any", "any", 0.0)]
 }
 
-/// Raw densities from −65,504 to 65,504 times a coordinate, by both activations.
+/// Measures both density activations on raw densities from −65,504 to 65,504 times a coordinate.
 fn densities() -> Vec<Row> {
     let mut worst = Worst::default();
     for (activation, scale) in [DensityActivation::Relu, DensityActivation::ShiftedSoftplus]

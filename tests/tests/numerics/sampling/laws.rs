@@ -1,4 +1,4 @@
-//! Laws of sampling on ranges, weights and places in strata that proptest draws.
+//! Laws of sampling, on ranges, weights and positions in strata that proptest draws.
 
 use super::{off, row_of};
 use crate::property::law;
@@ -16,7 +16,7 @@ cases! {
     points_stay_in_their_bins: "points outside of bin or range" => bins;
 }
 
-/// Weights of a ray's bins, and where in its stratum each drawn sample lies.
+/// Weights of a ray's bins, and the position of each drawn sample in its stratum.
 #[derive(Clone, Debug)]
 struct Weights {
     near: f32,
@@ -44,7 +44,7 @@ impl Weights {
     }
 }
 
-/// Ranges as scenes have them, and every other there is.
+/// Draws ranges as scenes have them, and any other ranges.
 fn range() -> impl Strategy<Value = (f32, f32)> {
     let scene = (0.0f32..10.0, (-3.0f32..3.0).prop_map(|e| 10f32.powf(e)))
         .prop_map(|(near, span)| (near, near + span));
@@ -57,7 +57,7 @@ fn range() -> impl Strategy<Value = (f32, f32)> {
     prop_oneof![4 => scene, 1 => any]
 }
 
-/// In `[0, 1)`, its ends among them.
+/// Draws numbers in `[0, 1)`, both ends included.
 fn unit() -> impl Strategy<Value = f32> {
     prop_oneof![1 => Just(0.0f32), 1 => Just(1f32.next_down()), 1 => Just(0.5f32), 5 => 0.0f32..1.0]
 }
@@ -78,7 +78,8 @@ fn any_weights() -> impl Strategy<Value = Weights> {
         .prop_filter("a range with bins", |it| Bins::new(it.near, it.far, it.weights.len() as u32).is_ok())
 }
 
-/// Inputs that once broke a law: the last sample came to lie beyond `far`, an ulp; and a range of subnormal numbers.
+/// Returns inputs that once violated a law: a last sample that was an ulp beyond `far`, and a range of subnormal
+/// numbers.
 fn known() -> Vec<Weights> {
     let mut within = vec![0.0; 8];
     within[3] = 1f32.next_down();
@@ -88,7 +89,7 @@ fn known() -> Vec<Weights> {
     ]
 }
 
-/// Inputs of each law.
+/// Number of inputs per law.
 const ROWS: u32 = 1000;
 
 fn rows(bound: f64, measure: fn(&Weights) -> f64) -> Vec<Row> {
@@ -112,7 +113,8 @@ fn missing(it: &Weights) -> f64 {
     (0..bins.count()).filter(|&bin| !rest.by_ref().any(|t| t == bins.at(bin, 0.5))).count() as f64
 }
 
-/// Neighbours share an edge; each width is a difference of two edges, rounded once: 2^-24 of it.
+/// Returns the error of the sum of the sample intervals, relative to the range. Neighbours share an edge; each width is
+/// a difference of two edges with one rounding, 2^-24 of the width.
 fn tiles(it: &Weights) -> f64 {
     let row = it.row();
     let widths: Vec<f32> = (0..row.len()).map(|k| sample_interval(it.near, it.far, &row, k).1).collect();
@@ -121,7 +123,7 @@ fn tiles(it: &Weights) -> f64 {
     if widths.iter().all(|&width| width >= 0.0) { (sum - range).abs() / range } else { f64::INFINITY }
 }
 
-/// A point of a bin.
+/// A position `u` in a bin.
 #[derive(Clone, Debug)]
 struct Point {
     near: f32,

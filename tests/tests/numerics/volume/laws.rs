@@ -24,15 +24,16 @@ cases! {
     any_bits_make_a_pixel: "pixels with a NaN or outside of their range" => bits;
 }
 
-/// A ray with a place in it that a law is about.
+/// A ray, with a position on it that some laws use.
 #[derive(Clone, Debug)]
 struct Ray {
     sigma: Vec<f32>,
     rgb: Vec<[f32; 3]>,
     edges: Vec<f32>,
     background: [f32; 3],
-    /// In `[0, 1)`: which bin, and where in it.
+    /// Position of the bin, as a share of the number of bins, in `[0, 1)`.
     place: f32,
+    /// Position in the bin, in `[0, 1)`.
     within: f32,
 }
 
@@ -53,7 +54,7 @@ impl Ray {
         composite(math, &self.sigma, &self.rgb, &self.edges, self.background).expect("a ray")
     }
 
-    /// What a wall behind the last bin would weigh.
+    /// Returns the transmittance behind the last bin: the weight of an opaque wall there.
     fn left(&self, math: MathBackend) -> f32 {
         let n = self.sigma.len();
         let (mut sigma, mut edges) = (self.sigma.clone(), self.edges.clone());
@@ -65,7 +66,7 @@ impl Ray {
     }
 }
 
-/// Densities: none, every size, what fitted scenes have, walls.
+/// Draws densities: 0, every size, the densities of fitted scenes, and opaque walls.
 fn density() -> impl Strategy<Value = f32> {
     prop_oneof![
         2 => Just(0.0f32),
@@ -75,7 +76,7 @@ fn density() -> impl Strategy<Value = f32> {
     ]
 }
 
-/// Up to 4,096 bins: some samples, over and over.
+/// Draws rays of up to 4,096 bins, which repeat a few samples.
 fn any_ray() -> impl Strategy<Value = Ray> {
     let sample =
         (density(), [0.0f32..=1.0, 0.0..=1.0, 0.0..=1.0], prop_oneof![1 => Just(0.0f32), 9 => 0.0f32..1.0]);
@@ -95,7 +96,7 @@ fn any_ray() -> impl Strategy<Value = Ray> {
     })
 }
 
-/// Rays that once broke a law, or nearly.
+/// Returns rays that once violated a law, or nearly.
 fn known() -> Vec<Ray> {
     // A last term larger than all before it, then terms of 0: Kahan's sum moved by an ulp.
     let widths = [
@@ -116,7 +117,7 @@ fn known() -> Vec<Ray> {
     vec![wall, thin]
 }
 
-/// Rays of each law for each backend.
+/// Number of rays per law and backend.
 const RAYS: u32 = 400;
 
 fn rays(bounds: [f64; 3], measure: fn(&Ray, MathBackend) -> f64) -> Vec<Row> {
@@ -261,7 +262,7 @@ fn layered(ray: &Ray, math: MathBackend) -> f64 {
     worst_of((0..3).map(|c| f64::from((front.rgb[c] - whole.rgb[c]).abs())))
 }
 
-/// Any bits for densities and edges, any colour that a network can have.
+/// Draws rays with arbitrary bits for densities and edges, and with any colour that a network can give.
 fn any_bits() -> impl Strategy<Value = Ray> {
     let edges = vec(any::<u32>().prop_map(f32::from_bits), 2..40);
     let samples = vec((any::<u32>().prop_map(f32::from_bits), [0.0f32..=1.0, 0.0..=1.0, 0.0..=1.0]), 40);

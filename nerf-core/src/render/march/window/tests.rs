@@ -13,7 +13,8 @@ fn isas() -> impl Iterator<Item = Isa> {
     Isa::ALL.into_iter().filter(|isa| isa.available())
 }
 
-/// Index of the first occupied bin in `next..end`, by [`LookUp::first_occupied`] with all bins as candidates.
+/// Returns the index of the first occupied bin in `next..end`, found by [`LookUp::first_occupied`] with all bins as
+/// candidates.
 fn first_occupied(
     isa: Isa,
     window: &mut Window,

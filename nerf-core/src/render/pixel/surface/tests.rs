@@ -1,5 +1,5 @@
-//! Outputs that are off cost no work and no memory, and change no bit of the others. Outputs that a build lacks are
-//! refused.
+//! Tests of outputs that are off or not built. An output that is off needs no work and no memory, and changes no bit of
+//! the other outputs. An output that the build lacks is refused.
 
 extern crate std;
 
@@ -30,7 +30,7 @@ fn with_surface(outputs: Outputs) -> Outputs {
     Outputs { median_distance: cfg!(feature = "median"), normals: cfg!(feature = "normals"), ..outputs }
 }
 
-/// The pixel with its median distance and normal set to 0.
+/// Returns a copy of the pixel with median distance and normal set to 0.
 fn plain(pixel: &Pixel) -> Pixel {
     Pixel { median_distance: 0.0, normal: [0.0; 3], ..*pixel }
 }

@@ -105,7 +105,7 @@ fn a_ball_s_normals_point_outward() {
     }
 }
 
-/// Reference: the pixels' normals and the number of gradients, computed one sample at a time.
+/// Returns a reference, computed one sample at a time: the normals of all pixels, and the number of density gradients.
 fn sample_by_sample(
     renderer: &Renderer<'_>,
     quality: &Quality,

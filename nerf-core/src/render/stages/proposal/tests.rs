@@ -41,7 +41,7 @@ fn coarse_architecture() -> Architecture {
     }
 }
 
-/// Parameters of the proposal network. Those of the density layer are multiplied by 6, for steep densities.
+/// Parameters of the proposal network. The density layer's parameters are multiplied by 6, for steep densities.
 fn coarse_parameters(seed: u32) -> Vec<f32> {
     let a = coarse_architecture();
     let mut all = parameters(&a, seed);
@@ -49,7 +49,7 @@ fn coarse_parameters(seed: u32) -> Vec<f32> {
     all
 }
 
-/// Blob of the tests' scene. `coarse`: parameters of its proposal network, if any.
+/// Blob of the tests' scene. `coarse`: parameters of the scene's proposal network; `None` for a scene without one.
 fn scene(occupancy: Option<StoredOccupancy<'_>>, coarse: Option<&[f32]>) -> Vec<u8> {
     let shape = coarse_architecture();
     scene_of(occupancy, coarse.map(|coarse| (&shape, coarse)))
@@ -78,7 +78,7 @@ fn kernels() -> impl Iterator<Item = Kernel> {
     Kernel::all()
 }
 
-/// Renders the blob. Returns pixels, counters and the number of workspace lines.
+/// Renders a frame of the blob. Returns pixels, counters and the number of workspace lines.
 fn render(bytes: &[u8], kernel: Kernel, quality: Quality, batch: Batch) -> (Vec<Pixel>, Counters, usize) {
     let blob = Blob::open(bytes).unwrap();
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];

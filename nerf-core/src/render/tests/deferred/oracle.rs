@@ -28,7 +28,7 @@ impl Oracle {
         (0..layer.outputs).map(row).collect()
     }
 
-    /// Encoding of `p`: trilinear interpolation in the box of [`SCENE`], one level after another.
+    /// Returns the grid encoding of `p`: trilinear interpolation in the box of [`SCENE`], one level after another.
     fn encode(&self, p: [f64; 3]) -> Vec<f64> {
         let grid = self.shape.position.grid().unwrap();
         let mut out = vec![];
@@ -61,7 +61,7 @@ impl Oracle {
         out
     }
 
-    /// `h` and raw density at the point `p`.
+    /// Returns `h` and the raw density at the point `p`.
     pub fn at(&self, p: [f64; 3]) -> (Vec<f64>, f64) {
         let layers = self.shape.layers();
         let mut h = self.encode(p);
@@ -118,14 +118,14 @@ impl Oracle {
             .collect()
     }
 
-    /// Colour over the scene's background, and opacity of a ray.
+    /// Returns the colour of a ray over the scene's background, and the opacity of the ray.
     pub fn pixel(&self, ray: &Ray, quality: &Quality) -> ([f64; 3], f64) {
         pixel_of(&[self], ray, quality)
     }
 }
 
-/// Colour over the background, and opacity, of several fields in one box. Densities add. A field's share of a sample's
-/// weight is proportional to its density. Each field's colour branch is evaluated once.
+/// Returns the colour over the background and the opacity of a ray through several fields in one box. Densities add. A
+/// field's share of a sample's weight is proportional to its density. Each field's colour branch is evaluated once.
 pub fn pixel_of(fields: &[&Oracle], ray: &Ray, quality: &Quality) -> ([f64; 3], f64) {
     let samples: Vec<_> = fields.iter().map(|field| field.samples(ray)).collect();
     let (mut left, mut opacity, mut waiting) = (1.0, 0.0, 0.0);

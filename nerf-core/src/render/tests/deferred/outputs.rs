@@ -1,5 +1,5 @@
-//! Outputs of a field with deferred shading besides the colour and opacity of frames: queried points, normals, linear
-//! colour and collisions.
+//! Tests of deferred shading beyond the colour and opacity of frames: queried points, normals, linear colour and
+//! collisions.
 
 use super::*;
 use crate::render::RaySegment;

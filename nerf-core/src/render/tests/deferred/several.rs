@@ -1,4 +1,4 @@
-//! Several fields in one frame, some of them with deferred shading.
+//! Tests of several fields in one frame, some of them with deferred shading.
 
 use super::oracle::pixel_of;
 use super::*;

@@ -8,8 +8,8 @@ use glam::{DMat3, DQuat, DVec3};
 /// device, a column per coordinate of the point. A device has fewer parameters than a pose: its last rows are 0.
 type Block = [DVec3; POSE];
 
-/// Derivatives of a residual with respect to the parameters of one pose or device: index of the first of these
-/// parameters among the unknowns of [`Reduced`], then the derivatives of the residual's x and of the residual's y.
+/// Derivatives of a residual with respect to the parameters of one pose or device. First comes the index of the first
+/// parameter among the unknowns of [`Reduced`], then the derivatives of the residual's x, then those of its y.
 type Rows = (usize, [[f64; POSE]; 2]);
 
 /// Normal equations of all poses and devices, with the points eliminated. `matrix` is `size` × `size`, row by row; only
@@ -23,7 +23,7 @@ pub(super) struct Reduced<'a> {
 }
 
 struct Point {
-    /// For each pose and device that sees the point: index of its first parameter, and its [`Block`] with the point.
+    /// Index of the first parameter, and [`Block`] with this point, of each pose and device that sees the point.
     blocks: Vec<(usize, Block)>,
     inverse: DMat3,
     right: DVec3,

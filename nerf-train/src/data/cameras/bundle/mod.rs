@@ -19,12 +19,13 @@ use linear::Reduced;
 
 /// Number of parameters of a pose (rotation, translation). A device has three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-/// Scale s of the robust loss, pixels: about quadratic in smaller reprojection errors, about linear in larger ones.
+/// Scale s of the robust loss, pixels. The loss is about quadratic in smaller reprojection errors, about linear in
+/// larger ones.
 const SOFT_PIXELS: f64 = 1.0;
-/// A point is in front of a camera if its depth exceeds this fraction of the camera's distance from the world origin.
+/// Minimum depth of a point in front of a camera, as a fraction of the camera's distance from the world origin.
 const MIN_DEPTH: f64 = 1e-6;
 const MAX_ITERATIONS: usize = 100;
-/// The adjustment ends when a step lowers the sum of robust losses by less than this fraction of the sum.
+/// Relative decrease of the sum of robust losses in a step, below which the adjustment ends.
 const SMALLEST_GAIN: f64 = 1e-8;
 const MAX_DAMPING: f64 = 1e8;
 /// Number of iterations in which [`align`] finds the rotation.
@@ -78,7 +79,7 @@ pub(crate) struct Bundle {
     pub(crate) observations: Vec<Observation>,
 }
 
-/// Residual (x, y) of an observation, pixels, and derivatives of its x and of its y by pose, device and point.
+/// Residual (x, y) of an observation, pixels, and derivatives of its x and y with respect to pose, device and point.
 struct Jacobian {
     residual: DVec2,
     pose: [[f64; POSE]; 2],
@@ -187,8 +188,8 @@ impl Bundle {
     }
 }
 
-/// Rotates, scales and shifts cameras and points, which leaves the loss as it is, so that the camera centres best fit
-/// `anchor`, one position per camera. Moves nothing if all camera centres or all positions of `anchor` coincide.
+/// Rotates, scales and shifts the reconstruction so that the camera centres best fit `anchor`, one position per camera.
+/// The loss does not change. Moves nothing if all camera centres or all positions of `anchor` coincide.
 fn align(bundle: &mut Bundle, anchor: &[DVec3]) {
     let centres: Vec<DVec3> = bundle.photographs.iter().map(Photograph::centre).collect();
     let mean = |places: &[DVec3]| places.iter().sum::<DVec3>() / places.len().max(1) as f64;

@@ -73,7 +73,7 @@ impl Bytes {
         Err(self.value(field, format!("{count} times {size} more bytes"), "the end of the file"))
     }
 
-    /// Reads a name of at most [`MAX_NAME`] bytes and a zero byte. `field`: what errors call the name.
+    /// Reads a name of at most [`MAX_NAME`] bytes, which ends with a zero byte. `field`: name of the field in errors.
     fn name(&mut self, field: &str) -> Result<String, DatasetError> {
         let mut name = Vec::new();
         loop {

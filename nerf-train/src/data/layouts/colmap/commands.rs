@@ -38,7 +38,7 @@ pub(crate) enum Way {
     OtherPair {
         sequential: bool,
     },
-    /// Keeps only distinctive matches, and only pairs of photographs with many matches.
+    /// Keeps only distinctive matches, and only pairs of photographs with at least 30 matches.
     Strict {
         sequential: bool,
     },

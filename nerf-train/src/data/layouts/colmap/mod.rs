@@ -149,7 +149,8 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// Returns folder and encoding of the (first) reconstruction with the most photographs; fails if there is none.
+/// Returns folder and encoding of the reconstruction with the most photographs, the first of several. Fails if there is
+/// none.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -246,7 +247,7 @@ struct Points {
     stride: usize,
     seen: usize,
     unseen: usize,
-    /// Sum, over all points that photographs see, of the mean reprojection error that the file states, pixels.
+    /// Sum of the mean reprojection errors of all points that photographs see, pixels.
     errors: f64,
 }
 

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// Maximum length of a line, bytes: three times the length of the line of a photograph with a million points.
+/// Maximum length of a line, bytes: three times the line of a photograph with a million points.
 const MAX_LINE: u64 = 256 << 20;
 
 struct Lines {
@@ -89,7 +89,8 @@ impl Lines {
         Ok(numbers)
     }
 
-    /// Fails if `found`, the number of items read, is 0 or differs from the number that the file's comment states.
+    /// Checks `found`, the number of items read. The check fails if `found` is 0, or if a comment of the file states
+    /// another number.
     fn check(&self, found: u64) -> Result<(), DatasetError> {
         match self.announced {
             Some(announced) if announced != found => {

@@ -74,7 +74,8 @@ struct CameraFields {
 /// Values of `camera_model` that select polynomial distortion, or fisheye distortion if the field `is_fisheye` is true.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// A polynomial lens's k4 is dropped if it shifts the farthest corner by at most this, pixels; else it is an error.
+/// Largest shift of the farthest corner, pixels, at which a polynomial lens's k4 is dropped. A larger shift is an
+/// error.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {

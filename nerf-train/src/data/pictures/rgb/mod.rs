@@ -134,7 +134,7 @@ impl Picture {
         encode_png(&self.to_rgb8(), self.width, self.height, (ColorType::Rgb, BitDepth::Eight))
     }
 
-    /// Writes an 8-bit RGB PNG, whole or not at all.
+    /// Writes an 8-bit RGB PNG. A failed write leaves no partial file.
     pub fn write_png(&self, path: impl AsRef<Path>) -> anyhow::Result<()> {
         Ok(write_atomic(path, &self.to_png()?)?)
     }

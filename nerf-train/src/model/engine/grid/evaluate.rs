@@ -99,7 +99,7 @@ impl Evaluated {
         phases.lap(Phase::Composite, now);
     }
 
-    /// For a 2D field: evaluates the trunk at each ray's only visible sample, the first one, which is opaque.
+    /// Evaluates the trunk for a 2D field, at the first sample of each ray: this sample is opaque and hides all others.
     pub fn picture(
         &mut self,
         job: &Job<'_>,
@@ -121,7 +121,8 @@ impl Evaluated {
         }
     }
 
-    /// Resets the states of `rays`, whose samples begin at index `first` of the batch. Returns the index after them.
+    /// Resets the states of `rays`, whose samples begin at index `first` of the batch. Returns the index after the
+    /// last of these samples.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();

@@ -4,7 +4,8 @@ use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Kept samples, which get colour and gradients, ray after ray, and the transmittance through all other samples.
+/// Kept samples of several rays, ray after ray, and the transmittance through all other samples. Only kept samples get
+/// colour and gradients.
 pub(super) struct KeptSamples {
     /// Index in the batch of each kept sample.
     pub samples: Vec<usize>,

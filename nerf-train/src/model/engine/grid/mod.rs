@@ -67,7 +67,8 @@ use std::sync::{Mutex, MutexGuard};
 const ACCUMULATORS: usize = 16;
 /// Largest number of rays of a chunk. All activations of their samples then fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Smallest number of chunks of a batch, as far as `FEWEST_RAYS` rays a chunk allow; every thread then has work.
+/// Approximate smallest number of chunks of a batch, so that every thread has work. A small batch has fewer chunks, of
+/// `FEWEST_RAYS` rays each.
 const FEWEST_CHUNKS: usize = 6;
 const FEWEST_RAYS: usize = 8;
 /// Number of rays of a chunk of a 2D field, whose rays have one sample.
@@ -85,7 +86,8 @@ pub struct GridEngine {
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    /// Copy of the tables in f16, which training reads: half the memory traffic of f32, and the values of an f16 file.
+    /// Copy of the tables in f16. Training reads this copy: it needs half the memory traffic of f32, and has the values
+    /// of an f16 file.
     halves: Vec<u8>,
     level_scratch: Vec<Mutex<LevelScratch>>,
     /// For each level: gradient summed since the level's last update, or `None` if every step updates the level.
@@ -193,7 +195,7 @@ impl GridEngine {
     }
 }
 
-/// Locks and returns the current thread's own entry of `scratch`, for which no other thread waits.
+/// Locks and returns the entry of `scratch` that only the current thread uses.
 fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }

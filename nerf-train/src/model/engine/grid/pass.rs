@@ -248,7 +248,7 @@ impl Scratch {
 }
 
 /// Adds dL/dw of the depth loss L of a ray to `by_weight`. Returns dL/dT for the transmittance T after the last sample.
-/// Returns 0 if the ray has no known surface. `index`: index of the ray in the batch; `ray`: in the chunk.
+/// Returns 0 if the ray has no known surface. `index`, `ray`: indices of the ray in the batch and in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,

@@ -1,8 +1,9 @@
 //! The reference engine of grid fields: table entries are gathered from a dfdx tensor, and dfdx's tape differentiates.
 //!
-//! Loss and gradients of [`GridEngine`](super::GridEngine) by the simplest code. The samples that get gradients are
-//! chosen without a tape; the transmittance through all other samples is a constant. Differences: the density of every
-//! sample is evaluated, also behind the end of a ray, and pixels clipped at white are treated as all other pixels.
+//! This engine computes the loss and gradients of [`GridEngine`](super::GridEngine) with the simplest code. The samples
+//! that get gradients are chosen without a tape; the transmittance through all other samples is a constant.
+//! Differences: the density of every sample is evaluated, also behind the end of a ray, and pixels clipped at white are
+//! treated like all other pixels.
 
 mod forward;
 mod terms;

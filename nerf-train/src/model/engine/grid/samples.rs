@@ -118,7 +118,8 @@ impl Samples {
     }
 }
 
-/// Copies the rows of `from`, `[…][width]`, with the indices `rows` to the start of `to`, which is enlarged if needed.
+/// Copies the rows of `from`, `[…][width]`, with the indices `rows` to the start of `to`. A `to` that is too short is
+/// enlarged.
 fn take_rows(from: &[f32], width: usize, rows: &[u32], to: &mut Vec<f32>) {
     grow(to, padded(rows.len()) * width);
     for (to, &row) in to.chunks_exact_mut(width).zip(rows) {

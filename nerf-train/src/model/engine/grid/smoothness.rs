@@ -39,7 +39,7 @@ pub(super) struct Triple {
     pub weight: f32,
 }
 
-/// Returns the triples of all lines of the batch that begin within `rays`.
+/// Returns the triples on those lines of the batch that begin within `rays`.
 pub(super) fn triples(batch: &Batch, rays: Range<usize>) -> impl Iterator<Item = Triple> {
     let starts = |ray: usize| batch.lines.partition_point(|&line| (line as usize) < ray);
     let lines = &batch.lines[starts(rays.start)..starts(rays.end)];

@@ -1,4 +1,4 @@
-//! The cameras and rays to show, in world units.
+//! Scene of the 3D page: cameras and rays to show, in world units.
 
 use super::findings::Findings;
 use super::sampling::{Drawer, ShownRay, StepFacts};

@@ -43,7 +43,7 @@ pub fn front_of(path: &Path, clock: Clock) -> anyhow::Result<Series> {
 mod tests {
     use super::*;
 
-    /// Pareto front of a points.csv with the content `text`, in a folder named `classic`.
+    /// Returns the Pareto front of a points.csv with the content `text`, in a folder named `classic`.
     fn read(text: &str, clock: Clock) -> anyhow::Result<Series> {
         let folder = tempfile::tempdir().expect("a folder");
         let table = folder.path().join("classic/points.csv");

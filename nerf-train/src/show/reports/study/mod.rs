@@ -50,8 +50,8 @@ impl<'s, 'a, 'b> Findings<'s, 'a, 'b> {
         Self { study, totals, front, blob_front, times }
     }
 
-    /// Returns the speed-up of the fastest point that `keep` accepts and that loses at most [`SPAN_LOSS_DB`], relative
-    /// to the exact rendering; and index of this point. `None` if there is no such point.
+    /// Returns speed-up and index of the fastest point that `keep` accepts and whose loss is at most [`SPAN_LOSS_DB`];
+    /// `None` if there is no such point. Speed-up and loss are relative to the exact rendering.
     pub fn span(&self, keep: impl Fn(&Point) -> bool) -> Option<(f64, usize)> {
         let point = self.study.cheapest(SPAN_LOSS_DB, keep)?;
         Some((1.0 / self.times[point], point))

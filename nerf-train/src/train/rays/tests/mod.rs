@@ -16,8 +16,8 @@ fn bank((near, far): (f32, f32), samples: u16, jitter: Jitter) -> RayBank<'stati
     RayBank::new(&[], Background::Constant([0; 3]), bounds, &config).unwrap()
 }
 
-/// Ranges from near to far, each with a number of bins. With some of them, samples near the end of a bin once fell into
-/// the next bin.
+/// Ranges from near to far, each with a number of bins. In some of these ranges, samples near the end of a bin once
+/// fell into the next bin.
 const CUTS: [((f32, f32), u16); 8] = [
     ((2.0, 6.0), 1),
     ((2.0, 6.0), 2),

@@ -26,7 +26,8 @@ pub(super) struct Shared {
     pub(super) moved: [f64; 2],
     /// For each camera: width and height in pixels, and the parameters of COLMAP's camera model `OPENCV`.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
-    /// Key: photograph's name. Value: index in `cameras`; rotation (w, x, y, z) and translation, world to camera.
+    /// Pose and camera of each photograph, by name: index in `cameras`, then rotation (w, x, y, z) and translation,
+    /// world to camera.
     pub(super) photographs: BTreeMap<String, (u32, [f64; 4], [f64; 3])>,
     /// For each point: `POINT3D_ID`, position, and mean reprojection error in pixels.
     pub(super) points: Vec<(u64, [f64; 3], f64)>,
@@ -41,8 +42,8 @@ pub(super) struct Adjusted {
     pub(super) focal: f64,
 }
 
-/// Returns `origin` rotated into a camera's axes by the camera's world-to-camera rotation (w, x, y, z). Added to the
-/// world-to-camera translation, the result gives the translation for coordinates relative to `origin`.
+/// Returns `origin` rotated by a camera's world-to-camera rotation (w, x, y, z). The sum of the camera's
+/// world-to-camera translation and this result is the translation for coordinates relative to `origin`.
 pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
     DQuat::from_xyzw(x, y, z, w).normalize() * origin
 }

@@ -15,19 +15,21 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Intrinsics are shared only in reconstructions of at most this many photographs. The time of bundle adjustment grows
-/// with the cube of the number of photographs: half a minute at this maximum.
+/// Maximum number of photographs in a reconstruction whose cameras are merged. The time of bundle adjustment grows with
+/// the cube of the number of photographs: half a minute at this maximum.
 const MAX_PHOTOGRAPHS: usize = 300;
-/// Shared cameras are rejected if the adjustment multiplies the mean reprojection error by more than this.
+/// Factor on the mean reprojection error above which the adjusted reconstruction is rejected.
 const MAX_GROWTH: f64 = 1.25;
-/// Pixels are taken as square if fy / fx differs from 1 by less than this.
+/// Difference between fy / fx and 1 below which pixels are taken as square.
 const SQUARE: f64 = 0.02;
 /// Version of the adjustment, part of the checksum: a new version makes existing files of shared cameras invalid.
 const VERSION: u64 = 1;
 
-/// Merges the cameras (sets of intrinsics) of each device, adjusts the reconstruction, adds a note to `found`, and
-/// returns true. Returns false if no device has several cameras or, with a warning, if these cannot be merged. `file`:
-/// named in errors.
+/// Merges the cameras (sets of intrinsics) of each device and adjusts the reconstruction. Returns true, and adds a note
+/// to `found`, if the merged cameras are used.
+///
+/// Returns false if no device has cameras to merge. Also returns false, with a warning, if the cameras cannot be merged
+/// or the adjustment raises the reprojection error too much. `file`: file named in errors.
 pub(super) fn settle(
     model: &mut Model,
     points: &mut Points,
@@ -272,7 +274,8 @@ fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
 }
 
 /// Returns `own` with one camera per device. Focal length and radial distortion are medians over the device's
-/// photographs; principal point, fy / fx and tangential distortion over its photographs of the same size.
+/// photographs. Principal point, fy / fx and tangential distortion are medians over the device's photographs of equal
+/// size.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {

@@ -124,7 +124,7 @@ fn batch_of(rays: usize, seed: u64) -> Batch {
     batch
 }
 
-/// Adds surfaces for half of the rays, gains of three photographs, and weights to the batch.
+/// Adds to the batch: known surfaces of half of the rays, gains of three photographs, and weights of the rays.
 fn exposed_towards_surfaces(mut batch: Batch) -> Batch {
     let towards = batch.rays.len().div_ceil(2);
     batch.surfaces =
