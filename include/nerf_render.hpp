@@ -50,8 +50,9 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// True if a view may refer to the elements of a container passed as C &&. False for a temporary container, which frees
-/// its elements. Wrongly true for a temporary container of const elements, such as a std::initializer_list.
+/// True if a span or strided view may refer to the elements of a container passed as C &&. False for a temporary
+/// container, which frees its elements. Wrongly true for a temporary container of const elements, such as a
+/// std::initializer_list.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -110,9 +111,10 @@ private:
     std::size_t size_;
 };
 
-/// A view of `each` floats per ray or point, contiguous or strided, in memory that the view does not own. Converts from
-/// a container of floats, or of trivially copyable structures of `each` floats, such as a host's 3D vectors.
-/// nerf::member makes a view of one field of larger structures.
+/// A view of floats in memory that the view does not own. Each ray or point has the same number of floats, set by the
+/// template argument `each`. The floats are contiguous or strided. Converts from a container of floats, or of trivially
+/// copyable structures that consist of this number of floats, such as a host's 3D vectors. nerf::member makes a view of
+/// one field of larger structures.
 template <class T, std::size_t each>
 class strided : detail::strided_view {
 public:
@@ -138,7 +140,8 @@ public:
     /// Returns the number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Returns the number of bytes from the first float of a ray or point to that of the next; 0 if contiguous.
+    /// Returns the number of bytes from the start of one ray's or point's floats to the start of the next; 0 if
+    /// contiguous.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
     /// Returns whether the view holds exactly `count` rays or points, without floats left over.
@@ -187,7 +190,7 @@ struct error {
     nerf_status status = NERF_STATUS_OK;
     char message[256] = {};
 
-    /// Returns the message, or, if the message is empty, the meaning of the status; never null.
+    /// Returns the message. If the message is empty, returns the meaning of the status. The result is never null.
     const char *text() const noexcept { return message[0] == '\0' ? nerf_status_text(status) : message; }
 };
 
@@ -535,8 +538,9 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// A plane that receives one output or contains the distances at which rays end. The plane refers to the caller's
-/// memory for the pixels of target::window; target::at checks the size. An output without a plane is not computed.
+/// An image plane: a buffer with one value or vector per pixel. An output plane receives one output; a plane of limits
+/// contains the distances at which rays end. The buffer is the caller's memory for the pixels of target::window;
+/// target::at checks the size. An output without a plane is not computed.
 class plane {
 public:
     plane() noexcept = default;
@@ -569,8 +573,8 @@ public:
         return of;
     }
 
-    /// Returns whether the plane was made from a view. True even for an empty view, which has no room for a
-    /// pixel.
+    /// Returns whether the plane was made from a memory span; false for a default-constructed plane. True even if the
+    /// span is empty, and thus too small for a pixel.
     explicit operator bool() const noexcept { return there_; }
 
 private:
@@ -596,11 +600,12 @@ private:
     bool there_ = false;
 };
 
-/// Planes for an image or for its rectangle `window`. A call can render part of a plane. Planes for rays have one row.
+/// Planes of an image, or only of the image's rectangle `window`. One call can render the whole window or a part of it.
+/// For rays, each plane has one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Inputs: distances at which each pixel's ray ends, world units. At most one of the two may be set. nerf::z_depth
-    /// converts depth-buffer values.
+    /// Inputs: distances at which each pixel's ray ends, world units. At most one of these two planes may be set.
+    /// nerf::z_depth converts depth-buffer values.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};
@@ -613,7 +618,8 @@ struct target {
                bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
     }
 
-    /// Makes the C target for the rectangle `part` of a width x height image; an error if a view is too short.
+    /// Makes the C target for the rectangle `part` of a width x height image; an error if a plane's memory is too
+    /// small.
     result<nerf_target> at(const rect &part, std::uint32_t width, std::uint32_t height) const noexcept {
         const rect all = window.width == 0 || window.height == 0 ? rect{0, 0, width, height} : window;
         const auto inside = [](std::uint32_t begin, std::uint32_t length, std::uint32_t from, std::uint32_t all_of) {
@@ -830,8 +836,9 @@ public:
     result<memory> pace_workspace(std::uint32_t outputs, const options &how = {}) const noexcept {
         return memory::allocate(pace_layout(outputs, how));
     }
-    /// Measures the time of a frame on this thread for each point of the Pareto front, until a time exceeds `limit`,
-    /// milliseconds. `workspace`: from pace_workspace. `clock`: returns microseconds; if omitted, the library's clock.
+    /// Measures the time of a frame on this thread for each point of the scene's Pareto front of accuracy and time,
+    /// the fastest point first. Measuring ends after the first point that takes more than `limit` milliseconds.
+    /// `workspace`: from pace_workspace. `clock`: returns microseconds; if omitted, the library's clock is used.
     template <class F = detail::none>
     result<pace> measure_pace(const nerf_camera &camera, std::uint32_t outputs, float limit, memory &workspace,
                               const options &how = {}, F &&clock = {}) const noexcept {
@@ -888,14 +895,15 @@ struct instance : detail::sized<nerf_instance> {
     }
 };
 
-/// The host's own rays; see nerf_rays. An empty view becomes NULL. Example (C++20): `{.origins = a, .dirs = b}`.
+/// The host's own rays; see nerf_rays. An empty array becomes NULL. Example (C++20): `{.origins = a, .dirs = b}`.
 struct rays {
     triples<const float> origins, dirs;
     numbers<const float> t_min = {}, t_max = {}, random = {};
     std::optional<vec3> axis = {};
 };
 
-/// Result of one ray. Outputs that the worker was not opened for are 0, but colour always comes with opacity.
+/// Result of one ray. Outputs that the worker was not opened for are 0. A worker that was opened for colour also gives
+/// opacity.
 struct pixel {
     /// Colour, premultiplied by opacity and without background: add `(1 - opacity) * background` to composite.
     vec3 rgb;
@@ -926,7 +934,8 @@ public:
     nerf_worker *get() const noexcept { return handle_.value; }
 
     /// Renders a camera's image, or its rectangle `part`. `progress`: called before the first tile and after each tile,
-    /// with (pixels done, all pixels) or no arguments. `progress` must not throw, and returns void, or false to cancel.
+    /// with (pixels done, all pixels) or no arguments. `progress` returns void or bool, and must not throw; false
+    /// cancels the render.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -948,7 +957,8 @@ public:
     /// Renders the host's own rays: pixel i of each plane in `to` belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: one per ray, in [0, 1).
+    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: a number in [0, 1) per
+    /// ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
     /// Renders one ray from `t_min` to `t_max`, with every output of the worker except z_depth. For many rays,
@@ -960,7 +970,8 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples the point on one ray at which a photon collides. `random`: in [0, 1). Everything else: see render_ray.
+    /// Samples the point on one ray at which a photon collides. `random`: a number in [0, 1). Everything else is as in
+    /// render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -987,8 +998,9 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Writes an English report to `text`, cut to fit: which stages of this worker's frames run, and why others do not.
-    /// `work`: a frame's counters, to report each stage's work, or null. Returns the uncut length with NUL, bytes.
+    /// Writes an English report to `text`, cut to fit: which stages this worker's frames run, and why other stages do
+    /// not run. `work`: counters of a frame, to report the work of each stage, or null. Returns the size of the uncut
+    /// text with NUL, bytes.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }

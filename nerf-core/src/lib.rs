@@ -40,7 +40,8 @@
 //! | `weights`, `opacity` | a weight is `transmittance · alpha`; the opacity is the sum of the weights, `<= 1` |
 //! | samples | only on the part of a ray inside the scene box, for any camera position |
 //! | samples, scene with a fixed step | at equal steps, from the point where the ray enters the box |
-//! | samples, scene with n bins | one in each bin. The width of a bin is (far − near) / n, and one bin begins at near. The bins cover the ray wherever the ray is inside the box, also before near and beyond far. With a proposal network, with [`Plan::with_own_bins`], or if more than 4096 bins would be needed, the bins cover only near to far |
+//! | samples, scene with n bins | one in each bin. Every bin has the width (far − near) / n, and one bin begins at near. The bins cover all of the ray that is inside the box, also before near and beyond far |
+//! | samples, bins only from near to far | in a scene with n bins: with a proposal network, with [`Plan::with_own_bins`], or if the box would need more than 4096 bins |
 //! | samples, unbounded scene | from near on, at steps that grow outside the inner ball ([`space::Contraction`]) |
 //! | background distance | the same for all pixels of a camera ([`Plan::far_from`]): far or, if larger, the camera's distance from the farthest corner of the box. At most `t_max` of [`Plan::with_range`] |
 //! | background distance, bins only from near to far | far |

@@ -160,8 +160,8 @@ unsafe fn size_of_versioned<T: Versioned>(at: *const T) -> Result<usize, Failure
     }
 }
 
-/// Returns the address range of an array of `count` structures; empty if `first` is NULL. `first` points to the
-/// `struct_size` of the first structure, which is the size of every structure, bytes.
+/// Returns the address range of an array of `count` structures of equal size; empty if `first` is NULL. `first`:
+/// address of the first structure, which begins with its `struct_size`. This size, bytes, applies to every structure.
 ///
 /// # Safety
 /// `first` is NULL or points to a structure that [`read_versioned`] has read.
@@ -176,7 +176,7 @@ pub(crate) unsafe fn span_of(name: &'static str, first: *const usize, count: usi
 }
 
 /// Returns a copy of the caller's structure, whose type may come from an older or newer C header. Fields that an older
-/// header lacks are zero in the copy. Returns an error if a field that only a newer header has is not all zero bytes.
+/// header lacks are zero in the copy. Fields that only a newer header has must be zero, else an error is returned.
 ///
 /// # Safety
 /// `at` is NULL or points to `struct_size` readable bytes.

@@ -14,8 +14,9 @@ use nerf_core::camera::{self, Intrinsics, Lens, Pose, Projection};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum LensModel {
-    /// Perspective camera with the distortion of OpenCV. COLMAP's model OPENCV has the coefficients `k1 k2 p1 p2`, its
-    /// model FULL_OPENCV all eight. `k4 k5 k6` are in the denominator of the radial factor.
+    /// Perspective camera with the distortion of OpenCV. COLMAP's model OPENCV has the coefficients `k1 k2 p1 p2`.
+    /// COLMAP's model FULL_OPENCV has all eight coefficients, `k1` to `k6`, `p1` and `p2`. `k4 k5 k6` are in the
+    /// denominator of the radial factor.
     RadialTangential = 0,
     /// Fisheye, COLMAP's OPENCV_FISHEYE: a ray at angle `t` (radians) to the view axis meets the image at a distance of
     /// `t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8)` focal lengths from the principal point; `k5 k6 p1 p2` must be 0.

@@ -26,7 +26,7 @@ const TONE_MAPS: [Option<plan::ToneMap>; 3] =
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Effects {
-    /// 1: each sample lies at a random position in its sample interval, drawn from `seed`. 0: in the interval's middle.
+    /// 1: each sample lies at a random position in its interval, drawn from `seed`. 0: in the middle of its interval.
     pub jitter: u32,
     /// Rays per pixel, at most 256; 0 and 1 are one ray through the pixel's centre. More rays take more memory.
     pub anti_aliasing: u32,

@@ -48,7 +48,8 @@ pub struct PaceRequest {
     pub options: *const RenderOptions,
     /// Outputs of the measured frame: `NERF_OUTPUT_*` flags, or-ed.
     pub outputs: u32,
-    /// Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first one above it.
+    /// Limit, milliseconds per frame. Pareto points are measured in order of rising cost. Measuring ends after the
+    /// first point with a time above the limit.
     pub limit_milliseconds: f32,
     /// Clock, called with `user`; must not use the workspace. NULL for the library's clock, which needs feature `std`.
     pub clock: Clock,
@@ -134,7 +135,8 @@ pub unsafe extern "C" fn nerf_pace_measure(
     })
 }
 
-/// Returns the request at `at`, its scene, and a plan of its options with the quality settings of the exact rendering.
+/// Returns a copy of the request at `at`, the request's scene, and a plan. The plan has the request's options, but the
+/// quality settings of the exact rendering.
 ///
 /// # Safety
 /// As for [`nerf_pace_measure`].
@@ -152,8 +154,8 @@ unsafe fn planned<'s>(at: *const PaceRequest) -> Result<(PaceRequest, &'s Scene,
     Ok((request, scene, plan))
 }
 
-/// Returns a function that reads the time, microseconds, from `clock` or, if `None`, from std's clock. Without std, a
-/// `clock` of `None` is an error.
+/// Returns a function that reads the time, microseconds. The function calls `clock`, or reads std's clock if `clock` is
+/// `None`. In a build without std, a `clock` of `None` is an error.
 fn time(clock: Clock, user: *mut c_void) -> Result<impl FnMut() -> u64, Failure> {
     #[cfg(feature = "std")]
     let start = std::time::Instant::now();

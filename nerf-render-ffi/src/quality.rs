@@ -199,11 +199,15 @@ pub unsafe extern "C" fn nerf_quality_point(
 
 /// Writes to `options` the cheapest settings that lose no more PSNR than `preset`, a `nerf_preset`, allows.
 ///
-/// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. For a scene
-/// without a Pareto front, writes fixed settings, whose loss in the scene is unknown (in brackets: loss in one test
-/// scene). EXACT: the exact rendering. HIGH: the default options. BALANCED: transmittance cut 0.03, colour cut 0.03
-/// (0.05 dB). FAST: transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1,
-/// four fifths of the scene's samples (0.9 dB).
+/// If every point of the scene's Pareto front loses more, writes the settings of the exact rendering.
+///
+/// For every scene without a Pareto front, writes the fixed settings of the following list. Their loss in such a scene
+/// is unknown; the losses in the list were measured in one test scene.
+/// - EXACT: the exact rendering.
+/// - HIGH: the default options.
+/// - BALANCED: transmittance cut 0.03, colour cut 0.03; loss 0.05 dB.
+/// - FAST: transmittance cut 0.1, colour cut 0.03; loss 0.2 dB.
+/// - PREVIEW: transmittance cut 0.1, colour cut 0.1, four fifths of the scene's samples; loss 0.9 dB.
 ///
 /// `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
 /// an error message.

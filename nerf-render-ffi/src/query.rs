@@ -30,8 +30,8 @@ pub struct Points {
     /// Direction from the camera to each point, of unit length (squared length within 1e-3 of 1). Not read if
     /// `rgb.data` is NULL.
     pub dirs: Floats,
-    /// Plane for the density of each point, per world unit, `NERF_FORMAT_F32`: one row of `count` pixels; `row_stride`
-    /// is ignored.
+    /// Plane for the density of each point, 1/world unit. The format is `NERF_FORMAT_F32`. The plane has one row of
+    /// `count` pixels; `row_stride` is ignored.
     pub sigma: Plane,
     /// Plane for the colour of each point, `NERF_FORMAT_RGB_F32`: linear light if `options.effects.linear` is 1, else
     /// display-encoded. `data` may be NULL.

@@ -25,8 +25,9 @@ pub struct Floats {
 }
 
 impl Floats {
-    /// Checks an array of `count` elements of `each` floats. Returns the array and its memory; an error that contains
-    /// `name` if the address is NULL, if address or stride is misaligned, or if the stride is shorter than an element.
+    /// Checks an array of `count` elements; an element has as many floats as the argument `each` says. Returns the
+    /// checked array, and the memory range of its elements. Returns an error that contains `name` if the address is
+    /// NULL, if address or stride is misaligned, if the stride is shorter than an element, or if the size overflows.
     pub(crate) fn check(
         &self,
         name: &'static str,
@@ -58,9 +59,10 @@ pub(crate) struct Numbers {
 }
 
 impl Numbers {
-    /// Returns element `i`.
+    /// Returns element `i`, which has `EACH` floats.
     /// # Safety
-    /// [`Floats::check`] accepted the array with a `count` above `i`, and `each = EACH`. The memory is readable.
+    /// [`Floats::check`] accepted the array for elements of `EACH` floats and for a `count` above `i`. The memory is
+    /// readable.
     #[inline]
     pub unsafe fn at<const EACH: usize>(&self, i: usize) -> [f32; EACH] {
         // SAFETY: the element lies in the checked array, and is aligned; the caller vouches for the memory.
@@ -81,10 +83,11 @@ pub struct Rays {
     /// Direction of each ray: x, y, z, of unit length (squared length within 1e-3 of 1). Directions are not normalised
     /// again: a ray's distances are in units of its direction's length.
     pub dirs: Floats,
-    /// Distance along each ray at which visibility begins, world units, at least 0; `data` NULL for 0. In a scene with
-    /// a fixed step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample
-    /// interval begins at `t_min` or where the ray enters the box, whichever is farther: changing `t_min` can move all
-    /// samples. In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
+    /// Distance along each ray at which visibility begins, world units, at least 0; `data` NULL for 0. In a bounded
+    /// scene with a fixed step, a change of `t_min` can move all samples: the first sample interval begins at `t_min`
+    /// or where the ray enters the box, whichever is farther. These are the scenes whose `nerf_scene_info` has a `step`
+    /// other than 0 and a `contraction_radius` of 0. In every other scene, `t_min` moves no sample, but cuts the sample
+    /// interval that contains `t_min`.
     pub t_min: Floats,
     /// Distance along each ray at which visibility ends, world units, at least `t_min`, may be infinite; `data` NULL
     /// for no end. `t_max` cuts the sample interval that contains it: opacity is a continuous function of `t_max`.
@@ -105,10 +108,11 @@ versioned!(unsafe Rays, "rays", by_width(56, 112));
 /// Renders the caller's own rays: ray i is pixel i of the target.
 ///
 /// A ray may begin outside, inside or behind the scene. A ray with an opacity of at most 1e-4 counts as meeting no
-/// surface. The distances of this ray are then the smallest of three: `t_max`; `far_distance` of the options, unless
-/// `far_distance` is 0; and a bound, computed from the scene's extent, on the distance from the ray's origin to any
-/// visible point. Without jitter, the rays of a camera's pixels give the camera's image, bit for bit. For shadow rays,
-/// render the opacity alone, which is less work: the opacity is the same with and without other planes.
+/// surface. The distances of this ray are then the smallest of three values. The first is `t_max`. The second is
+/// `far_distance` of the options, ignored if 0. The third is an upper bound, computed from the scene's extent, on the
+/// distance from the ray's origin to any visible point. Without jitter, the rays of a camera's pixels give the camera's
+/// image, bit for bit. For shadow rays, render the opacity alone, which is less work: the opacity is the same with and
+/// without other planes.
 ///
 /// All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is set, or if a
 /// ray has an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0
@@ -141,10 +145,11 @@ pub unsafe extern "C" fn nerf_render_rays(
 /// options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in `nerf_render_rays`.
 ///
 /// If a ray is sampled often, with uniform random numbers, the means converge to the results of `nerf_render_rays`
-/// without cuts. Opacity and colour are averaged over all results, distance and normal over the results with a
-/// collision; the mean distance agrees to within one sample interval, the mean normal in direction. The mean colour of
-/// a scene with deferred shading differs: `nerf_render_rays` evaluates the colour branch once per ray from composited
-/// features, `nerf_sample_rays` at the collision's sample alone.
+/// without cuts. Opacity and colour are averaged over all results. Distance and normal are averaged over the results
+/// with a collision. The mean distance equals the rendered distance to within one sample interval. The mean normal has
+/// the direction of the rendered normal. In a scene with deferred shading, the mean colour differs from the rendered
+/// colour: `nerf_render_rays` evaluates the colour branch once per ray, from composited features; `nerf_sample_rays`
+/// evaluates the branch at the collision's sample alone.
 ///
 /// # Safety
 /// Pointers are NULL or point to what `nerf_render_rays` describes. The caller has not freed, moved or overwritten the

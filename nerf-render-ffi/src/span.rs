@@ -53,7 +53,8 @@ pub(crate) struct Pieces {
 impl Pieces {
     pub const NONE: Self = Self { span: Span::EMPTY, stride: 1, size: 0 };
 
-    /// Returns an error if the arrays overlap; interleaved arrays do not. `name`, `of`: as in [`Span::check_apart`].
+    /// Returns an error if an element of `self` may overlap an element of `other`. Interleaved arrays of equal stride
+    /// are accepted. `name`, `of`: as in [`Span::check_apart`].
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
@@ -84,8 +85,9 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// Describes the memory of a plane of `columns` × `rows` pixels. `data`: address of the top left pixel. Strides and
-    /// `size` (of a pixel): bytes; `row_stride` may be negative. The caller ensures that no address overflows.
+    /// Describes the memory of a plane of `columns` × `rows` pixels. `data`: address of the top left pixel. `size`:
+    /// size of a pixel, bytes. Strides are in bytes; `row_stride` may be negative. The caller ensures that no address
+    /// overflows.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -120,7 +122,8 @@ impl PlaneBytes {
         (self.columns - 1) * self.pixel_stride + self.size
     }
 
-    /// Returns whether offsets and strides show that the planes interleave like fields of a structure, without overlap.
+    /// Returns whether the pixels of both planes interleave like fields of one structure, without overlap. Compares
+    /// only first addresses, strides and pixel sizes.
     fn are_channels_with(&self, other: &Self) -> bool {
         let (low, high) = if self.first <= other.first { (self, other) } else { (other, self) };
         let offset = high.first - low.first;

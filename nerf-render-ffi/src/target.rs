@@ -10,8 +10,9 @@ use core::ffi::c_void;
 use nerf_core::render::{Limit, Rect};
 use nerf_core::volume::Pixel;
 
-/// One plane of a target, in the caller's memory: one output, or the distances at which rays end. The first pixel is
-/// the top left pixel of the **rendered rectangle**, not of the image. For rays and points, a plane has one row.
+/// A plane of a target: a buffer in the caller's memory with one value or vector per pixel. An output plane receives
+/// one output. A plane of limits contains the distances at which rays end. The first pixel is the top left pixel of the
+/// **rendered rectangle**, not of the image. For rays and points, a plane has one row.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Plane {
@@ -32,9 +33,9 @@ pub struct Plane {
 /// An output plane with `data` NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
 /// structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
 ///
-/// A pixel without a surface (opacity 1e-4 or less) gets the distance `far`, the smallest of three: the pixel's limit
-/// along its ray; `far_distance` of the options, unless that is 0; and a bound, computed from the scene's extent, on
-/// the distance from the camera to any visible point.
+/// A pixel without a surface (opacity 1e-4 or less) gets the distance `far`, which is the smallest of three values. The
+/// first is the pixel's limit along its ray. The second is `far_distance` of the options, ignored if 0. The third is an
+/// upper bound, computed from the scene's extent, on the distance from the camera to any visible point.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Target {
@@ -57,9 +58,9 @@ pub struct Target {
     /// length. 0 where opacity is 1e-4 or less, or where the directions cancel out. Normals take about as much work as
     /// two more samples per ray.
     pub normals: Plane,
-    /// Input, `data` NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
-    /// distance to a surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the
-    /// sample interval that contains the limit, so edges are smooth. Samples behind a limit are not evaluated.
+    /// Input: distance along each pixel's ray at which the ray ends, world units, for example the distance to a surface
+    /// that the host has traced. `data` is NULL for no limits. Infinity or NaN: no limit for this pixel. A limit cuts
+    /// the sample interval that contains the limit, so edges are smooth. Samples behind a limit are not evaluated.
     pub limit_ray_distance: Plane,
     /// Input: limits as in `limit_ray_distance`, but measured along the view axis. Only one of the two planes may be
     /// set. A depth buffer's depth `d`, in normalised device coordinates, corresponds to the limit
@@ -110,7 +111,8 @@ impl Canvas {
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks planes for results of `count` points; `rgb.data` may be NULL. `read`: names and memory of the inputs.
+    /// Checks the planes for the results of `count` points; `rgb.data` may be NULL. `read`: for each input array of the
+    /// points, its name in messages and its memory.
     ///
     /// # Safety
     /// The planes are NULL, or writable while the canvas is used.
@@ -138,7 +140,8 @@ impl Canvas {
     }
 
     /// Checks all planes of a target of `extent` pixels. Returns an error if a plane is invalid or overlaps an output
-    /// or input. `read`: names and memory of the input arrays of rays; `None` for an image.
+    /// plane or an input array. `read`: for each input array of rays, its name in messages and its memory; `None` for
+    /// an image.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].
@@ -247,8 +250,8 @@ impl Surface {
 }
 
 /// Checks a plane. Returns `None` if `plane.data` is NULL. Returns an error if the plane was not requested from the
-/// worker, if format, strides or alignment do not suit the channel, or if the plane overlaps a scene, the worker or
-/// `read`. `read`: names and memory of the input arrays of rays or points; `None` for an image.
+/// worker, or if format, strides or alignment do not suit the channel. Returns an error if the plane overlaps a scene,
+/// the worker or an input array. `read`: name and memory of each input array of rays or points; `None` for an image.
 fn check(
     channel: Channel,
     plane: &Plane,

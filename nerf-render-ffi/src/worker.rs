@@ -23,7 +23,8 @@ use nerf_core::render::{self, TILE_SIDE};
 #[cfg(feature = "instances")]
 use nerf_core::space::Placement;
 
-/// A request to open a worker. The library reads the request only during the call. The worker borrows the scenes.
+/// A request to open a worker. The library reads the request only during the call. The scenes that the request names
+/// must stay open until the worker is closed.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Request {
@@ -185,8 +186,9 @@ struct Checked {
     placed: bool,
 }
 
-/// Sizes of the parts of a worker's memory, in lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels
-/// (`pixels`), and the renderer's workspace (`rest`). `bytes`: size of these parts and of the list of scenes, bytes.
+/// Sizes of the parts of a worker's memory. In lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels
+/// (`pixels`), and the renderer's workspace (`rest`). In bytes: the whole memory (`bytes`), which also holds the list
+/// of scenes.
 struct Shares {
     own: usize,
     pixels: usize,
@@ -255,7 +257,8 @@ impl Checked {
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
-    /// Returns `failure`; if the request has instances, as a failure of instance `_index`.
+    /// Converts `failure` to a failure of instance `_index`. Returns `failure` unchanged if the request has no
+    /// instances.
     fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
         #[cfg(feature = "instances")]
         if self.placed {
@@ -334,7 +337,7 @@ pub unsafe extern "C" fn nerf_worker_size(
     unsafe { call_for_size((size, align), message, || Ok(Checked::read(request)?.shares()?.bytes)) }
 }
 
-/// Opens a worker in the caller's memory. Checks the request and lays out the memory, which later calls do not repeat.
+/// Opens a worker in the caller's memory. Checks the request and lays out the memory once; later calls repeat neither.
 ///
 /// The worker borrows `memory` and the scenes: the caller must not move or change these while the worker is used. Each
 /// thread needs a worker of its own. `memory` must have at least the size and alignment from `nerf_worker_size`, and
@@ -401,7 +404,7 @@ struct Lent {
 impl Lent {
     /// Returns the next `count` unused lines.
     /// # Safety
-    /// At least `count` lines are left, and are lent to the worker alone.
+    /// The lent memory has at least `count` unused lines, and nothing but the worker uses these lines.
     #[inline]
     unsafe fn lines(&mut self, count: usize) -> &'static mut [Line] {
         let first = self.at;

@@ -201,8 +201,9 @@ impl SceneFacts {
         }
     }
 
-    /// Distance between successive samples on a ray, world units. In an unbounded scene: the distance inside the inner
-    /// ball. If a proposal network places the samples: the mean distance from sample to sample between near and far.
+    /// Distance between successive samples on a ray, world units. In an unbounded scene, the distance is valid inside
+    /// the inner ball, and distances outside are larger. If a proposal network places the samples, the distance is a
+    /// mean: far − near, divided by the number of samples.
     pub fn step(&self) -> f32 {
         match self.sampling {
             SceneSampling::Contracted { step, .. } => {
@@ -224,8 +225,8 @@ impl SceneFacts {
     }
 
     /// Length of a ray through the middle of the contraction's inner ball, from the ray's entry into the ball to
-    /// distance `far` past the middle. The unit is that of `s` in [`Contraction::distance`]: inside the ball, one
-    /// radius of the ball. 0 in a bounded scene.
+    /// distance `far` past the middle. The length is a difference in `s` of [`Contraction::distance`]: inside the ball,
+    /// a radius has the length 1. In a bounded scene the result is 0.
     pub(crate) fn reach(&self) -> f32 {
         self.contraction().map_or(0.0, |contraction| 1.0 + contraction.step_at(self.far))
     }

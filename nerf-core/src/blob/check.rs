@@ -101,8 +101,8 @@ fn check_scene(scene: &SceneFacts, architecture: &Architecture) -> Result<(), Bl
     }
 }
 
-/// Whether a camera pose can be computed from the viewpoint (finite, `up` of unit length and not parallel to the view
-/// direction), and `arc` is 0 to 2π.
+/// Whether a camera pose can be computed from the viewpoint, and `arc` is 0 to 2π. The pose requires finite coordinates
+/// and a vector `up` of unit length that is not parallel to the view direction.
 fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
     let (eye, up) = (Vec3::from(viewpoint.eye), Vec3::from(viewpoint.up));
     let back = eye - Vec3::from(viewpoint.target);
@@ -113,7 +113,8 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether rays of the scene can have `samples` samples: 1 to [`MAX_SAMPLES`], at a spacing that does not round to 0.
+/// Whether rays of the scene can have `samples` samples. The number must be 1 to [`MAX_SAMPLES`], and the distance
+/// between samples must not round to 0.
 fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {
@@ -230,8 +231,8 @@ fn check_values(
     })
 }
 
-/// Checks that each point of the Pareto front has valid settings for the scene. Each point must have a lower cost than
-/// the point before, and no higher PSNR.
+/// Checks that each point of the Pareto front has valid settings for the scene. The cost of a point must be lower than
+/// the cost of the previous point. The PSNR of a point must not be higher than the PSNR of the previous point.
 fn check_front(body: &Body<'_>, scene: &SceneFacts) -> Result<(), BlobError> {
     let mut before: Option<&FrontPoint> = None;
     for (index, point) in body.front.iter().enumerate() {

@@ -1,9 +1,10 @@
 //! Entropy coding of int8 tables: rANS with adaptive models, as `docs/blob-format.md` specifies.
 //!
 //! A value is coded as two symbols of 4 bits. Previous values select the probability model of the next symbol. The
-//! model then adapts to that symbol. Files therefore hold no probabilities. Bytes are damaged if decoding does not end
-//! in the encoder's initial state with no bytes left. This check is complete, because each step is invertible: bytes
-//! that pass are the bytes that the encoder writes for the decoded values.
+//! model then adapts to that symbol. Files therefore hold no probabilities.
+//!
+//! Decoding also checks the bytes: the decoder must use all bytes and end in the encoder's initial state. This check is
+//! complete. Each step is invertible, so that encoding the decoded values gives the accepted bytes again.
 //!
 //! # Source
 //! Duda 2013, "Asymmetric numeral systems", arXiv:1311.2540. Models are updated as in Giesen, "Mixing discrete
@@ -22,14 +23,14 @@ const LEAST: u32 = 1 << 16;
 const OFFSET: u8 = 0x88;
 /// Upper 4 bits of every small value (-8 to 7) after [`OFFSET`] is added.
 const SMALL: usize = 8;
-/// Number of magnitude classes that the entropy coder distinguishes. The next value's class depends on the magnitude of
-/// the previous value plus the magnitude of the same feature's value in the previous table entry.
+/// Number of magnitude classes that the entropy coder distinguishes. The class of the next value depends on the sum of
+/// two magnitudes. One is of the previous value, the other of the same feature's value in the previous table entry.
 const CLASSES: usize = 8;
 /// Maximum number of features of a table entry.
 const MAX_FEATURES: usize = 4;
-/// Number of contexts of the entropy coder, one per magnitude class and feature. A context has one probability model
-/// for the upper 4 bits of a value, and one for the lower 4 bits of a small value (-8 to 7). For any other value, the
-/// model of the lower 4 bits depends only on the upper 4 bits, not on the context.
+/// Number of contexts of the entropy coder, one per magnitude class and feature. A context has two probability models:
+/// one for the upper 4 bits of a value, and one for the lower 4 bits of a small value (-8 to 7). The lower 4 bits of
+/// any other value have a model that depends only on the value's upper 4 bits.
 const CONTEXTS: usize = CLASSES * MAX_FEATURES;
 
 /// An adaptive probability distribution of symbols. Each symbol has an interval within `0..2^BITS`. A symbol's
@@ -73,10 +74,11 @@ impl Model {
         (begin, end - begin)
     }
 
-    /// Adapts the model to `symbol` by moving the beginning of each interval towards a target. In the target, all
-    /// intervals have length 1 except the interval of `symbol`, which has the remaining length. A beginning moves by a
-    /// fraction of the distance to the target: 1/16 in the first 16 calls, 1/32 in the next 16, 1/64 in the next 96,
-    /// then 1/128. Rounding down keeps every interval at least 1 long.
+    /// Adapts the model to `symbol`: moves the beginning of each interval towards a target position. At the target
+    /// positions, the interval of `symbol` is as long as possible, and every other interval has length 1. One call
+    /// moves a beginning by a fraction of the distance to its target position: 1/16 in the first 16 calls, 1/32 in the
+    /// next 16, 1/64 in the next 96, then 1/128. The movement is rounded down, so that every interval stays at least 1
+    /// long.
     #[inline(always)]
     fn learn(&mut self, symbol: usize) {
         let rate = 4 + [16, 32, 128].iter().filter(|&&seen| self.seen >= seen).count();

@@ -108,7 +108,7 @@ errors! {
     Body(section: Section) =>
         "{section}: expected this format's lists, numbers, tags and texts and an end, found others";
     /// The body is not in canonical form: a number takes more bytes than needed, or bytes follow the last section.
-    /// `at`: offset of the first difference, bytes from the start of the body.
+    /// `at`: offset of the first byte that differs from the canonical form, bytes from the start of the body.
     Form { at: u64 } => "body: expected canonical postcard, found another form at byte {at}";
     Architecture(error: ArchitectureError) => "architecture: {error}";
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";
@@ -130,8 +130,8 @@ errors! {
         "{section}: expected {expected} bytes, found {found}";
     EncodingDomain { found: f32, limit: f32 } =>
         "scene box: 2^(levels - 1) times its coordinates reaches {found}, the encoding ends at {limit}";
-    /// A parameter of the network or of the proposal network is infinite or NaN. `index` counts the layer's weights,
-    /// then its biases.
+    /// A parameter of the network or of the proposal network is infinite or NaN. `index`: index of the parameter in its
+    /// layer, whose weights come before its biases.
     Weight { section: Section, role: Role, index: u32 } =>
         "{section}: layer {role:?}, parameter {index} is not finite";
     TableScale { level: u8, found: f32 } =>

@@ -41,7 +41,7 @@ macro_rules! read_body {
     };
 }
 
-/// An opened blob (`*.nerf` file): a checked view of the caller's bytes.
+/// An opened blob (`*.nerf` file). The blob borrows the caller's bytes, which have been checked.
 #[derive(Clone, Debug)]
 pub struct Blob<'a> {
     body: Body<'a>,
@@ -91,8 +91,9 @@ impl<'a> Blob<'a> {
         self
     }
 
-    /// Address of the weights, which identifies the blob: a renderer compares addresses to check that a plan was made
-    /// for its blob. Two blobs that exist at the same time have equal addresses only if both borrow the same bytes.
+    /// Address of the weights, which identifies the blob. A renderer compares the address of its own blob with the
+    /// address of the blob that a plan was made for. Two blobs that exist at the same time have equal addresses only if
+    /// both borrow the same bytes.
     pub(crate) fn identity(&self) -> usize {
         self.body.weights.as_ptr().addr()
     }

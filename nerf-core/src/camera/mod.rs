@@ -322,7 +322,8 @@ impl Camera {
     }
 
     /// Returns a camera with one pixel per whole block of `right` × `down` pixels; the pixel's ray goes through the
-    /// middle of the block. `right` is clamped to the range from 1 to the image width, `down` from 1 to the height.
+    /// middle of the block. `right` is clamped to the range from 1 to the image width. `down` is clamped to the range
+    /// from 1 to the image height.
     pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
         // `new` checked that no side is 0. `max(1)` lets the compiler see that `clamp` cannot panic.

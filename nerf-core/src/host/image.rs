@@ -25,7 +25,8 @@ pub struct Image {
     pub width: usize,
     /// Height, pixels.
     pub height: usize,
-    /// Colour over the background (red, green, blue): sRGB-encoded, in `[0, 1]`; or, if requested, linear light.
+    /// Colour over the background (red, green, blue), sRGB-encoded, in `[0, 1]`. If linear output was requested, the
+    /// colour is linear light instead.
     pub rgb: Vec<[f32; 3]>,
     /// Opacity, the sum of the compositing weights, `[0, 1]`.
     pub opacity: Vec<f32>,

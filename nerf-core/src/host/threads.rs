@@ -148,8 +148,8 @@ fn each<T, I: Iterator, F: FnMut(T)>(
 }
 
 /// Calls `work` once on each of `threads` threads, including the calling thread, and returns the sum of the counters.
-/// All calls share one mutex around `tasks` and `take`: a thread takes its next task from `tasks`, and passes results
-/// to `take`, in any order.
+/// All calls share one mutex around the iterator `tasks` and the function `take`. A thread gets its next task from
+/// `tasks`, and passes the results to `take`. The order of the results is arbitrary.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

@@ -4,8 +4,9 @@ use super::{Math, polynomial::clamp_exp, sin_cos_of_reduced};
 use crate::simd::Lanes;
 use micromath::F32Ext;
 
-/// The functions of [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own polynomials: the crate
-/// has no `expm1`, and its power function has errors of up to 0.14 in the decoding of sRGB colours, 0 to 1.
+/// The functions of [`super::MathBackend::Micromath`]. `expm1` and `pow` are the project's own polynomials. The crate
+/// `micromath` has no `expm1`. Its power function is too inexact: sRGB colours, 0 to 1, would be decoded with errors of
+/// up to 0.14.
 pub struct Micromath;
 
 impl Math for Micromath {

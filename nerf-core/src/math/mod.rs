@@ -1,5 +1,6 @@
-//! Elementary functions. Only this module uses `micromath`, and only this module and [`Lanes::sqrt`] of the type `f32`
-//! use `libm`. In the table, "own" is the project's f32 polynomials.
+//! Elementary functions. The crate `micromath` is called only in this module. The crate `libm` is called only in this
+//! module and in [`Lanes::sqrt`] of the type `f32`. In the table, "own" is the project's f32 polynomials, and "exact
+//! reduction" is the reduction of the angle in [`Math::sin_cos_pi`], for encodings of scale π only.
 //!
 //! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
 //! | --- | --- | --- | --- | --- |
@@ -158,8 +159,8 @@ macro_rules! with_math {
 }
 pub(crate) use with_math;
 
-/// Evaluates `$body` with the type `$M` set to the [`Math`] implementation of `$backend`, for sinusoidal encodings. In
-/// contrast to `with_math`, `$M` is `Recurrence` for the backend `Recurrence`.
+/// Evaluates `$body` with the type `$M` set to the [`Math`] implementation of `$backend`, for sinusoidal encodings. For
+/// the backend `Recurrence`, `with_math` sets `$M` to `Polynomial`, this macro to `Recurrence`.
 macro_rules! with_encoding_math {
     ($backend:expr, $M:ident => $body:expr) => {
         match $backend {

@@ -10,7 +10,8 @@ impl Math for Recurrence {
     const DOUBLING: bool = true;
 }
 
-/// Computes `(sin 2a, cos 2a)` from `(sin a, cos a)`, then scales the pair so that `sin² + cos² = 1`, to first order.
+/// Computes `(sin 2a, cos 2a)` from `(sin a, cos a)`. Then scales sine and cosine by a common factor, which corrects
+/// `sin² + cos²` to 1, to first order in the deviation.
 ///
 /// With the formula `cos 2a = (cos a − sin a)(cos a + sin a)` the error doubles when the angle doubles. With
 /// `2 cos² a − 1` the error would grow faster.

@@ -65,9 +65,10 @@ pub fn pair_rows(values: &mut [f32], rows: usize, stride: usize) {
 /// Computes a layer: `to = act(init + Σ weights inputs)`, summed over the `parts` in order. `act` is ReLU if `relu`,
 /// else the identity.
 ///
-/// `stride`: number of samples, a multiple of 16. With [`Init::Accumulate`], sums start from the f32 values in `to`,
-/// `[outputs][stride]`, even if `output` is [`PairedOutput::Pairs`]. Every output is summed pair after pair, in an
-/// order that does not depend on `outputs` or `stride`.
+/// `parts`: the layer's main and appended inputs, with their weights. `stride`: number of samples, a multiple of 16.
+/// With [`Init::Accumulate`], sums start from the f32 values in `to`, `[outputs][stride]`, even if `output` is
+/// [`PairedOutput::Pairs`]. Every output is summed pair after pair of inputs, in an order that does not depend on
+/// `outputs` or `stride`.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.

@@ -35,12 +35,12 @@ pub enum Init<'a, T = f32> {
 }
 
 impl<'a, T> Init<'a, T> {
-    /// Returns [`Init::Accumulate`] if `accumulate`, else [`Init::Bias`].
+    /// Returns the start of a product's sums: the content of C if `accumulate`, else the bias.
     pub fn bias_unless(accumulate: bool, bias: &'a [T]) -> Self {
         if accumulate { Self::Accumulate } else { Self::Bias(bias) }
     }
 
-    /// Returns [`Init::Accumulate`] if `accumulate`, else [`Init::Zero`].
+    /// Returns the start of a product's sums: the content of C if `accumulate`, else 0.
     #[cfg(feature = "normals")]
     pub fn zero_unless(accumulate: bool) -> Self {
         if accumulate { Self::Accumulate } else { Self::Zero }

@@ -43,7 +43,7 @@ pub fn column<const N: usize>(block: &[f32], stride: usize, column: usize) -> [f
 }
 
 /// Writes `values` into column `column` of a block of `N` rows, `[N][stride]`. If the block is too short: panics with
-/// debug assertions, else drops the values that would lie beyond the end of the block.
+/// debug assertions, else does not write the values that would lie beyond the end of the block.
 #[inline]
 pub fn put_column<const N: usize>(block: &mut [f32], stride: usize, column: usize, values: [f32; N]) {
     for (row, value) in values.into_iter().enumerate() {

@@ -84,7 +84,7 @@ pub struct Architecture {
     pub shading: Shading,
 }
 
-/// Place of a layer in its network.
+/// Part of a network that a layer belongs to: trunk, density head, colour branch or colour head.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Hidden layer of the trunk; the value is the layer's index in the trunk, from 0.
@@ -100,7 +100,7 @@ pub enum Role {
 /// One dense layer, `y = W x + b`: `x` has `main + extra` values, `W` is stored row-major, `[outputs][main + extra]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Layer {
-    /// Place of the layer in its network: a hidden layer, the density head or the colour head.
+    /// Part of the network that the layer belongs to; for a hidden layer, also the layer's index in this part.
     pub role: Role,
     /// Number of main inputs: the encoded position (first trunk layer), the trunk's output `h` (density head and first
     /// layer of the colour branch), or the outputs of the previous layer (every other layer).

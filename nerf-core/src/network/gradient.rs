@@ -151,11 +151,11 @@ impl Network<'_> {
         }
     }
 
-    /// Computes the backward pass through a layer: `to = start + Wᵀ from`, for the columns `inputs` of W (main or
-    /// appended inputs).
+    /// Computes the backward pass through a layer, for either its main inputs or its appended inputs:
+    /// `to = start + Wᵀ from`. W holds the columns `inputs` of the layer's weights, which multiply the chosen inputs.
     ///
     /// `from`: gradient with respect to the layer's outputs before the ReLU, `[outputs][stride]`. `to`: gradient with
-    /// respect to these inputs, `[inputs][stride]`. `start` is the content of `to` if `accumulate`, else 0.
+    /// respect to the chosen inputs, `[inputs][stride]`. `start` is the content of `to` if `accumulate`, else 0.
     fn back(
         &self,
         layer: &Layer,

@@ -113,7 +113,7 @@ impl<'a> Network<'a> {
     }
 
     /// The network's parameters. In a build without vector instructions ([`VECTORS`]) the result is always
-    /// [`Weights::InPlace`], so that the compiler drops the code for other formats.
+    /// [`Weights::InPlace`], so that the compiler removes the code for other formats.
     #[inline(always)]
     pub(super) fn weights(&self) -> Weights<'a> {
         match self.weights {
@@ -195,15 +195,16 @@ impl<'a> Network<'a> {
     /// `positions`: `[inputs][stride]`, inside the scene box.
     ///
     /// # Panics
-    /// If a slice is shorter than its rows times [`Scratch::stride`] (with [`Weights::InPlace`]: only with debug
-    /// assertions), or if [`Network::whole_blocks`] is true and the stride is no multiple of [`Network::columns`].
-    /// `direction`, `density` and `colour` panic under the same conditions.
+    /// If a slice is shorter than its rows times [`Scratch::stride`], or if [`Network::whole_blocks`] is true and the
+    /// stride is no multiple of [`Network::columns`]. With [`Weights::InPlace`], a slice that is too short causes a
+    /// panic only with debug assertions. `direction`, `density` and `colour` panic under the same conditions.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});
     }
 
-    /// Encodes a block of positions and evaluates the trunk; leaves the trunk's output `h` in [`Scratch::front`]. After
-    /// the evaluation of each trunk layer, calls `each` with the layer and the outputs of the layer's ReLU.
+    /// Encodes a block of positions and evaluates the trunk; leaves the trunk's output `h` in [`Scratch::front`].
+    ///
+    /// `each`: function that is called after every trunk layer, with the layer and the outputs of the layer's ReLU.
     #[inline]
     pub(super) fn trunk_with(
         &self,
@@ -270,7 +271,7 @@ impl<'a> Network<'a> {
     ///
     /// `direction(encoded, out)`: a function that fills `out`, `[direction_rows][stride]`, with the result of
     /// [`Network::direction`] for each sample's ray. `encoded` is [`Scratch::encoded`], which the function may
-    /// overwrite. Called only if colour depends on direction. `rgb`: `[3][stride]`, set to the colours.
+    /// overwrite. The function is called only if colour depends on direction. `rgb`: `[3][stride]`, set to the colours.
     pub fn colour(
         &self,
         math: MathBackend,
@@ -399,9 +400,12 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Evaluates a layer: `to = act(init + W [main, extra])`. `inputs`: main and extra, `[rows][stride]`; inputs that
-    /// are `None` are left out of the sum. `init` is the content of `to` if `accumulate`, else the bias. `act` is ReLU
-    /// if `hidden`, else the identity. If `hidden`, outputs are written in the input format of the next layer.
+    /// Evaluates a layer: `to = act(init + W [main, extra])`. `init` is the content of `to` if `accumulate`, else the
+    /// bias. `act` is ReLU if `hidden`, else the identity. If `hidden`, outputs are written in the input format of the
+    /// next layer.
+    ///
+    /// `inputs`: the main inputs and the appended inputs (`extra`), each `[rows][stride]`, or `[pairs][stride]` with
+    /// [`Weights::Paired`]. A `None` adds nothing to the sum.
     fn dense(
         &self,
         layer: &Layer,

@@ -26,7 +26,8 @@ impl<'a> Weights<'a> {
     /// file's bytes, returns `bytes`. Otherwise unpacks the f16 `bytes` into `memory` and returns `memory`.
     ///
     /// `memory`: one value for each parameter of the `architecture`. If colours are not evaluated, the parameters of
-    /// trunk and density head suffice ([`Architecture::density_parameters`]). Unused if `bytes` are read directly.
+    /// trunk and density head suffice ([`Architecture::density_parameters`]). If `bytes` are read directly, `memory` is
+    /// not used and may be empty.
     ///
     /// # Panics
     /// If `bytes` or `memory` is too short.

@@ -38,8 +38,9 @@ pub struct Outputs {
     pub z_depth: bool,
     /// Whether to output the distance along the ray where transmittance falls below ½, world units (feature `median`).
     pub median_distance: bool,
-    /// Whether to output normals, from the gradient of the density (feature `normals`). Cost of each sample that
-    /// [`Quality::colour_cut`] selects: [`gradient_macs`](crate::network::Architecture::gradient_macs) multiply-adds.
+    /// Whether to output normals, from the gradient of the density (feature `normals`). The gradient is computed at the
+    /// samples that [`Quality::colour_cut`] selects. Each gradient costs
+    /// [`gradient_macs`](crate::network::Architecture::gradient_macs) multiply-adds.
     pub normals: bool,
 }
 
@@ -76,9 +77,9 @@ impl Outputs {
 pub struct Batch {
     /// Number of rays that are marched at the same time.
     pub rays: usize,
-    /// Number of samples in a block that the network evaluates at once. Used only by `Kernel::IN_PLACE`: portable
-    /// instructions, and weights read directly from the scene file's bytes. Other kernels always evaluate blocks of 64
-    /// samples.
+    /// Number of samples in a block that the network evaluates at once. Only the kernel `Kernel::IN_PLACE` uses this
+    /// number. This kernel uses portable instructions, and reads weights directly from the scene file's bytes. Other
+    /// kernels always evaluate blocks of 64 samples.
     pub samples: usize,
 }
 
@@ -86,8 +87,9 @@ impl Batch {
     /// Maximum of [`Batch::rays`]: more than any image needs, few enough for 32-bit indices.
     pub const MAX_RAYS: usize = 1 << 24;
 
-    /// One ray and one sample, for microcontrollers. Saves memory only with `Kernel::IN_PLACE`: portable instructions,
-    /// and weights read directly from the scene file's bytes. Other kernels always evaluate blocks of 64 samples.
+    /// One ray and one sample, for microcontrollers. Saves memory only with the kernel `Kernel::IN_PLACE`, which uses
+    /// portable instructions, and reads weights directly from the scene file's bytes. Other kernels always evaluate
+    /// blocks of 64 samples.
     pub const SMALLEST: Self = Self { rays: 1, samples: 1 };
 
     /// 256 rays, one for each pixel of a tile, and blocks of 64 samples, which fill the vectors of any instruction set.
@@ -110,8 +112,8 @@ pub struct Plan<'a> {
     /// [`Plan::interval`] take such positions.
     pub(crate) contraction: Option<Contraction>,
     pub(crate) lattice: Lattice,
-    /// The bins in which a ray's samples lie. If a proposal network places the samples, only the number of these bins
-    /// is used, as the number of samples to place on each ray.
+    /// The bins in which a ray's samples lie. If a proposal network places the samples, these bins only give the number
+    /// of samples to place on each ray: one sample per bin.
     pub(crate) bins: Bins,
     /// Number of samples per ray, counted as in [`Quality::samples`]: the requested number or, for 0, the scene's own.
     samples: u16,
@@ -243,12 +245,15 @@ impl<'a> Plan<'a> {
         self
     }
 
-    /// Returns the plan with another blur of normals. `bins`: width of the blur, in bins; 0 for no blur.
+    /// Returns the plan with another blur of normals. `bins`: width of the blur, in bins; 0 for no blur. With a
+    /// proposal network, a bin is the mean distance between samples, (far − near) / samples per ray.
     ///
-    /// A field that was trained with samples one bin apart also varies over distances far shorter than a bin. In sums
-    /// along a ray such variations cancel, but in the gradient they dominate: the tenth frequency of a sinusoidal
-    /// encoding multiplies the gradient by 2^9 π. A blur of one bin replaces the gradient by its mean over a Gaussian
-    /// whose standard deviation is the bin's width / √12, as for a uniform distribution over the bin.
+    /// A blur of one bin replaces the density's gradient by its mean over a Gaussian. The standard deviation of the
+    /// Gaussian is the bin's width / √12, the standard deviation of a uniform distribution over the bin.
+    ///
+    /// A field that was trained with samples one bin apart also varies over distances far shorter than a bin. These
+    /// variations cancel in sums along a ray, but dominate in the gradient: the tenth frequency of a sinusoidal
+    /// encoding multiplies the gradient by 2^9 π.
     ///
     /// # Errors
     /// [`PlanError::NormalBlur`] unless `bins` is finite and at least 0.
@@ -303,9 +308,9 @@ impl<'a> Plan<'a> {
         Ok(self)
     }
 
-    /// Requested number of samples per ray, counted as in [`Quality::samples`]. With a proposal network, includes the
-    /// samples at which that network is evaluated. A ray may get more samples where the bins continue in front of near
-    /// or behind far.
+    /// Requested number of samples per ray, counted as in [`Quality::samples`]. With a proposal network, the number
+    /// includes the samples at which the proposal network is evaluated. Bins in front of near and behind far are not
+    /// counted: where such bins exist, a ray may get more samples.
     pub(crate) fn samples_per_ray(&self) -> u32 {
         u32::from(self.samples) + self.proposal.map_or(0, |coarse| coarse.count())
     }
@@ -402,8 +407,8 @@ impl<'a> Plan<'a> {
         self.proposal.as_ref().unwrap_or(&self.bins)
     }
 
-    /// Smallest distance at which a ray through an unbounded scene has samples, world units, measured from the point at
-    /// distance `start` along the ray. `t_min`: nearest visible distance, measured from the ray's origin.
+    /// Least distance of a sample on a ray through an unbounded scene, world units. The distance is measured from the
+    /// point at distance `start` along the ray. `t_min`: nearest visible distance, measured from the ray's origin.
     #[inline]
     pub(crate) fn least_distance(&self, start: f32, t_min: f32) -> f32 {
         self.near.max(t_min) - start

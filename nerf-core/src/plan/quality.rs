@@ -22,10 +22,10 @@ pub struct Quality {
     pub samples: u16,
     /// Transmittance below which a ray ends and counts as opaque, `[0, 1)`; with 0, no ray ends early.
     pub transmittance_cut: f32,
-    /// Sum of compositing weights that must be exceeded before a colour is evaluated. The weights of consecutive
-    /// samples are summed along a ray. Once the sum exceeds this cut, the current sample's colour is evaluated and
-    /// weighted by the whole sum, and the sum restarts at 0. A cut of 0 evaluates the colour of every sample of weight
-    /// above 0.
+    /// Threshold of a sum of compositing weights, above which a colour is evaluated. The weights of consecutive samples
+    /// are summed along a ray. Once the sum exceeds the threshold, the current sample's colour is evaluated and
+    /// weighted by the whole sum, and the sum restarts at 0. With a threshold of 0, the colour of every sample of
+    /// weight above 0 is evaluated.
     ///
     /// The same rule selects the samples whose normal is evaluated. With [`Shading::PerRay`](crate::network::Shading)
     /// the rule selects the samples whose trunk outputs are composited. The cut never affects opacity or distances.
@@ -122,9 +122,9 @@ impl Quality {
     /// Returns these settings, with their measured loss and cost, as a point of a Pareto front for the blob.
     ///
     /// `loss_db`: PSNR with [`Quality::exact`] minus PSNR with these settings, each against the photographs. `cost`:
-    /// multiply-adds relative to those of the exact rendering. An occupancy grid or proposal network that the scene
-    /// lacks is off in the returned point, and 0 samples becomes the scene's own number. [`crate::blob::write()`]
-    /// checks the ranges of all values.
+    /// multiply-adds relative to those of the exact rendering. In the returned point, the occupancy grid and the
+    /// proposal network are off if the scene lacks them. If [`Quality::samples`] is 0, the point gets the scene's own
+    /// number of samples. [`crate::blob::write()`] checks the ranges of all values.
     pub fn front_point(&self, blob: &Blob<'_>, loss_db: f32, cost: f32) -> FrontPoint {
         let own = blob.scene().map_or(0, |scene| scene.samples());
         FrontPoint {

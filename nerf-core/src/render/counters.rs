@@ -11,10 +11,11 @@ pub struct Counters {
     /// Number of samples at which the scene's network was evaluated.
     pub samples_kept: u64,
     /// Number of planned samples at which the scene's network was not evaluated: samples outside the box, in empty
-    /// cells, or behind the point where the ray ended. [`Quality::samples`](crate::plan::Quality) samples are planned
-    /// per ray, plus one per bin of the proposal network, if used. Each ray adds, for each field, the planned minus the
-    /// kept samples, or 0 if more samples are kept than planned. A ray may keep more than planned if its samples
-    /// continue in front of `near` or behind `far` to the ends of the box.
+    /// cells, or behind the point where the ray ended. The planned number of samples per ray and field is
+    /// [`Quality::samples`](crate::plan::Quality), plus one per bin of the proposal network, if one is used. Each ray
+    /// adds, for each field, the number of planned samples minus the number of evaluated samples, but at least 0. The
+    /// evaluated samples can be more than the planned samples: a ray may have samples in front of `near` or behind
+    /// `far`, up to the ends of the box.
     pub samples_skipped: u64,
     /// Number of evaluations of the proposal network, not included in `samples_kept`.
     pub proposal_evaluations: u64,

@@ -27,8 +27,9 @@ pub(super) struct Frame<'f, 'w> {
 
 impl<'f, 'w> Frame<'f, 'w> {
     /// Reserves the buffers of all stages, except those of [`Pixels`], in `layout`, which measures or allocates memory.
-    /// `around.0`: box around all occupied cells, `None` if no cell is occupied or there is no grid. `around.1`: test
-    /// for occupied cells along a whole packet of neighbouring rays, `None` if frames do not use the test.
+    /// `around`: two aids for skipping empty space. The first is the box around all occupied cells; `None` if no cell
+    /// is occupied or there is no grid. The second tests a whole packet of neighbouring rays for occupied cells; `None`
+    /// if frames do not use this test.
     pub fn lay_out(
         layout: &mut impl Layout<'w>,
         field: Field<'f>,

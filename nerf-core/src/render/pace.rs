@@ -60,10 +60,10 @@ impl Pace {
     /// `plan`: plan of a frame, in which [`Quality`] is replaced by the settings of each point. `clock`: function that
     /// returns microseconds since a fixed moment; the result must never decrease.
     ///
-    /// About 2,048 pixels are rendered (every n-th pixel of every n-th row, since a single tile may be empty), and the
-    /// time is scaled to the whole frame. Each point is rendered twice, and the shorter time is used. Points are
-    /// measured in order of rising cost. Once a point's scaled time exceeds `limit_milliseconds`, points of higher cost
-    /// are not measured. A scene without a Pareto front yields [`Pace::UNKNOWN`].
+    /// About 2,048 pixels are rendered: every n-th pixel of every n-th row, since the pixels of a single tile may all
+    /// show empty space. The time is scaled to the whole frame. Each point is rendered twice, and the shorter time is
+    /// used. Points are measured in order of rising cost. Once a point's scaled time exceeds `limit_milliseconds`,
+    /// points of higher cost are not measured. A scene without a Pareto front yields [`Pace::UNKNOWN`].
     ///
     /// # Errors
     /// [`RenderError::Memory`] if `workspace` has fewer lines than [`Pace::lines`] returns.

@@ -204,9 +204,9 @@ impl<'a> Renderer<'a> {
     /// colour that is NaN becomes black and is counted ([`Counters::invalid_samples`]).
     ///
     /// # Errors
-    /// [`RenderError`], before anything is written, on a blob that is a scene, a side of 0 or above
-    /// [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), a rectangle outside the image, a batch that a
-    /// [`Plan`](crate::plan::Plan) would refuse, or too little workspace.
+    /// [`RenderError`], before anything is written, if the blob is a scene, if a side is 0 or above
+    /// [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE), if the rectangle is not inside the image, if a
+    /// [`Plan`](crate::plan::Plan) would refuse the batch, or if the workspace is too small.
     pub fn render_picture(
         &self,
         math: MathBackend,
@@ -249,7 +249,8 @@ impl<'a> Renderer<'a> {
 /// its values need no copy. [`Prepared::measure`] returns the buffers' lengths (`usize`) as `F` and `B`.
 #[derive(Clone, Debug)]
 pub(crate) struct Prepared<F, B> {
-    /// Buffers: network parameters, proposal network parameters (f32, or [`Weights::Paired`]), f32 copy of f16 tables.
+    /// Three buffers: parameters of the network, parameters of the proposal network, and an f32 copy of f16 tables.
+    /// Parameters are in f32, or paired as in [`Weights::Paired`].
     pub unpacked: [F; 3],
     /// Decoded copy of entropy-coded grid tables: each byte holds the bits of one i8 value.
     pub decoded: B,

@@ -42,7 +42,7 @@ pub(super) enum Fields<'f> {
     Several(Merge<'f, 'f>),
 }
 
-/// Evaluates `$body` with `$it` bound to the `Frame` of one field or to the `Merge` of several.
+/// Evaluates `$body` with `$it` bound to the `Frame` of one field or to the `Merge` of several fields.
 macro_rules! of_fields {
     ($fields:expr, $it:ident => $body:expr) => {
         match $fields {
@@ -136,9 +136,9 @@ impl<'f> Worker<'f> {
 
     /// Renders the pixels of `rect` against a depth buffer: the ray of pixel (x, y) ends at `limit(x, y)`.
     ///
-    /// The bin that contains the limit is shortened, not dropped, so that opacity depends continuously on the limit. If
-    /// a ray meets no surface before the limit, each output distance is the smaller of the limit and the result of
-    /// [`Plan::far_from`] for the camera's position.
+    /// The bin that contains the limit is shortened, not left out: opacity depends continuously on the limit. If a ray
+    /// meets no surface before the limit, each output distance is the smaller of two values: the limit, and the result
+    /// of [`Plan::far_from`] for the camera's position.
     ///
     /// # Errors
     /// As [`Worker::render`].

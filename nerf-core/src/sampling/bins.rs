@@ -26,10 +26,10 @@ pub(crate) struct Ends {
     pub low: f32,
     /// Beginning of the last bin, if this bin is cut; otherwise +∞.
     pub high: f32,
-    /// Upper limit of the sample's position in the last bin, if this bin is cut; otherwise end of all bins.
+    /// Upper limit of the sample's position in the last bin. If the last bin is not cut: end of all bins.
     pub far: f32,
-    /// End of the used part of the last bin, at most `far`, if this bin is cut; otherwise +∞. The density of a
-    /// sample between `stop` and `far` is used for the part of the bin in front of `stop`.
+    /// End of the used part of the last bin, at most `far`; +∞ if the last bin is not cut. The sample may lie between
+    /// `stop` and `far`: its density is then used for the part of the bin in front of `stop`.
     pub stop: f32,
 }
 
@@ -77,12 +77,12 @@ impl Bins {
         Self { ends, ..*self }
     }
 
-    /// Cuts the bins for a ray. Samples are placed in front of `far`, and only the part `start..stop` of the ray is
-    /// used (units as in [`Bins`]). Returns the cut bins, and the index range of the bins with a used part.
+    /// Cuts the bins for a ray. All samples lie in front of `far`, and only the part `start..stop` of the ray is used
+    /// (units as in [`Bins`]). Returns the cut bins, and the index range of the bins with a used part.
     ///
-    /// `far` cuts the last bin and moves the bin's samples in front of `far`. `start` and `stop` cut only the widths of
-    /// bins and leave the samples in place, so that a sample's contribution is continuous in `start` and `stop`. Bins
-    /// without a cut stay bit-identical.
+    /// `far` cuts the last bin, and moves the sample of this bin in front of `far`. `start` and `stop` cut only the
+    /// widths of the first and the last bin, and do not move samples. A sample's contribution is therefore continuous
+    /// in `start` and `stop`. Bins without a cut stay bit-identical.
     pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {
@@ -184,8 +184,9 @@ impl Bins {
         self.delta
     }
 
-    /// Returns `t`, clamped to the used part of its bin, then the beginning and the end of this part. `ends`: cuts of
-    /// the bins, in the order of [`Ends::parts`].
+    /// Finds the used part of the bin that contains `t`. Returns three positions: `t` clamped to the used part, the
+    /// beginning of the used part, and the end of the used part. `ends`: cuts of the bins, in the order of
+    /// [`Ends::parts`].
     #[inline(always)]
     pub(crate) fn edges_around<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> [V; 3] {
         let [start, low, high, _, stop] = ends;
@@ -255,8 +256,9 @@ impl Bins {
         self.at((self.bin_around(t) as u32).min(self.count - 1), 0.5)
     }
 
-    /// Index range of the bins that may have a point in `enter..=exit`. The range is larger by a few bins at each end,
-    /// or by many if bins are narrower than the spacing of f32 at the end of the last bin.
+    /// Index range of the bins that may have a point in `enter..=exit`. To allow for rounding errors, the range
+    /// includes a few more bins at each end. It includes many more bins if bins are narrower than the spacing of f32 at
+    /// the end of the last bin.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let rounding = self.rounding();
         // `as` saturates, and converts NaN to 0.

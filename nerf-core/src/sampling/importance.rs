@@ -13,18 +13,19 @@ const WEIGHT_FLOOR: f32 = 1e-5;
 
 /// Draws samples of a ray from the weights of `bins`, and merges the drawn samples with the middles of the bins.
 ///
-/// `row`: room for `drawn = row.len() - bins.count()` samples, then one weight per bin, in `[0, 1]`: NaN and negative
-/// weights count as 0, weights above 1 as 1. On return the whole row holds distances along the ray, world units,
-/// ascending: the middle of every bin, and the `drawn` samples. A row with fewer values than bins is left unchanged.
+/// `row`: on entry, room for `drawn = row.len() - bins.count()` samples, then one weight per bin. Weights are clamped
+/// to `[0, 1]`; a NaN counts as 0. On return, the whole row holds distances along the ray, world units, ascending: the
+/// middle of every bin, and the `drawn` samples. A row with fewer values than bins is left unchanged.
 ///
 /// The probability density of the drawn samples is constant in a bin and proportional to the bin's weight plus 1e-5.
 /// Sample `k` is the inverse distribution function at `(k + within(k)) / drawn`. `within` must return numbers in
 /// `[0, 1)`. If `within` always returns ½, sampling is deterministic, and the same weights give the same bits.
 ///
 /// # Source
-/// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`), with its weight floor and its union with
-/// the coarse samples. Deviations: deterministic samples are at the middles of strata, not at `linspace(0, 1)`, so that
-/// none lies at an end; the density changes at the bins' edges, which equal the midpoints between coarse samples.
+/// Mildenhall et al. 2020, section 5.2, and the authors' code (`sample_pdf`), with the code's weight floor and its
+/// union with the coarse samples. Deviations: deterministic samples are at the middles of strata, not at
+/// `linspace(0, 1)`, so that no sample lies at an end of the range. The density of samples changes at the edges of
+/// bins; these edges equal the midpoints between coarse samples.
 ///
 /// # Accuracy
 /// The distribution function at the returned `t` has an error of 4 ulp of 1, plus the effect of rounding `t` itself.

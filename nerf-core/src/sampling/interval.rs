@@ -57,8 +57,9 @@ impl Spacing<'_> {
         }
     }
 
-    /// Returns the interval of the sample at distance `t` in a bounded scene. The sample must lie in a cut bin: only a
-    /// ray's first and last bin may be cut. Wrong for samples in other bins. `ends`: as in [`Spacing::interval`].
+    /// Returns the interval of a sample in a cut bin of a bounded scene. `t`: distance of the sample. Only a ray's
+    /// first and last bin may be cut; for samples in bins without a cut, the result is wrong. `ends`: as in
+    /// [`Spacing::interval`].
     #[inline(always)]
     pub fn interval_of_cut<V: Lanes>(&self, ends: [V; Ends::PARTS], t: V) -> SampleInterval<V> {
         let [start, low, high, _, stop] = ends;
@@ -67,8 +68,9 @@ impl Spacing<'_> {
         SampleInterval { t: t.max_of(from).min_of(to), mid: from.add(V::splat(0.5).mul(delta)), delta }
     }
 
-    /// Returns the sample at `t` and the two ends of its interval, as distances in world units along the ray. `ends`,
-    /// `near` and `t`: as in [`Spacing::interval`]. Neighbouring intervals share their ends bit for bit.
+    /// Returns three distances along the ray, world units: that of the sample at `t`, the beginning of the sample's
+    /// interval, and the end of this interval. `ends`, `near` and `t`: as in [`Spacing::interval`]. Neighbouring
+    /// intervals share their ends bit for bit.
     #[inline(always)]
     pub fn edges<V: Lanes>(&self, ends: [V; Ends::PARTS], near: V, t: V) -> [V; 3] {
         let [t, from, to] = self.bins.edges_around(ends, t);

@@ -11,8 +11,9 @@ mod tests;
 pub(crate) struct SampleJitter {
     seed: Option<u64>,
     stream: u64,
-    /// Index of the ray's first random number in `stream`, the pixel's random stream: the ray's index among the rays of
-    /// its pixel, shifted left by 32 bits. The sample of bin `i`, or drawn sample `i`, uses number `first + i`.
+    /// Index of the ray's first random number in the pixel's random stream `stream`. Equals the ray's index among the
+    /// rays of its pixel, shifted left by 32 bits. The sample of bin `i`, or drawn sample `i`, uses the random number
+    /// of index `first + i`.
     first: u64,
 }
 

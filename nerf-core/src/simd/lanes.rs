@@ -106,7 +106,8 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Converts each lane to `u32`, to be used as an index. Each lane must be an integer in `0..=2^23`.
     fn to_indices(self) -> Self::Indices;
 
-    /// Bits of the f16 nearest to each lane, ties to even; infinite if too large. Elements from `COUNT` on are 0.
+    /// Converts each lane to the bits of the nearest f16, ties to even. A lane too large for f16 becomes infinite.
+    /// Elements of the result from index `COUNT` on are 0.
     #[inline(always)]
     fn to_f16(self) -> [u16; MAX_LANES] {
         let mut values = [0.0; MAX_LANES];
@@ -121,12 +122,14 @@ pub trait Lanes: Copy + sealed::Sealed {
         bits_by_lane::<Self>(bytes, at)
     }
 
-    /// Weighted sum of table rows for each lane: `Σ_r weights[r] · row r`, added to 0 in ascending order of `r`. A row
-    /// is two neighbouring entries of the table. An entry has `features` values: 1, 2 or 4. Vector `i` of the result
-    /// holds for each lane the weighted sum of value `i` of the rows; only the first `2 · features` vectors are valid.
+    /// Weighted sum of table rows for each lane: `Σ_r weights[r] · row r`, added to 0 in ascending order of `r`.
     ///
-    /// `rows`: for each row and lane, the index of the row's first entry. If a row does not fit into the table,
-    /// arbitrary values of the table, or zeros, are read for it.
+    /// An entry of the table has `features` values: 1, 2 or 4. A row is two neighbouring entries, thus `2 · features`
+    /// values. Vector `i` of the result holds, for each lane, the weighted sum over the rows of value `i` of the row.
+    /// Only the first `2 · features` vectors are valid.
+    ///
+    /// `rows`: for each row and lane, the index of the row's first entry. A row that does not fit into the table is
+    /// read as arbitrary values of the table, or as zeros.
     #[inline(always)]
     fn weighted_rows<T: Value, const ROWS: usize>(
         table: Table<'_, T>,

@@ -5,8 +5,8 @@ use super::lanes::weighted_rows_by_lane;
 use super::table::{Table, Value};
 use super::{Indices, Lanes};
 
-/// Declares methods of a vector type, each with an expression of intrinsics as its body. An expression that is unsafe
-/// for another reason than missing instructions must have its own SAFETY comment.
+/// Declares methods of a vector type. The body of each method is an expression of intrinsics. An expression must have
+/// its own SAFETY comment if it is unsafe for any reason besides possibly missing instructions.
 macro_rules! instructions {
     ($(fn $name:ident $(<const $lane:ident: usize>)? ($($arguments:tt)*) $(-> $type:ty)? = $value:expr;)+) => {$(
         #[inline(always)]
@@ -55,14 +55,15 @@ macro_rules! lanes_in_memory {
 pub(super) use {instructions, lanes_in_memory};
 
 /// Vector operations from which [`weighted_rows`] is built. A vector consists of groups of four lanes. Each lane has
-/// its own table rows to sum. Pass `LANE` (0 to 3) sums the rows of lane `LANE` of every group. During this pass, the
-/// four lanes of a group hold four neighbouring values of one of these rows.
+/// its own table rows to sum. The sums are computed in four passes, numbered by `LANE` from 0 to 3. Each pass sums the
+/// rows of lane `LANE` of every group. During a pass, the four lanes of a group hold four neighbouring values of one
+/// row of lane `LANE`.
 pub trait Quads: Lanes {
     /// Whether [`weighted_rows`] moves offsets from vectors to scalar registers through memory. True for instruction
     /// sets on which this is faster.
     const OFFSETS_IN_MEMORY: bool = false;
-    /// Whether each pass of [`weighted_rows`] stores its sums to memory. This keeps the compiler from moving loads of
-    /// the next pass in front of the store.
+    /// Whether each pass of [`weighted_rows`] stores its sums to memory instead of keeping them in registers. The store
+    /// keeps the compiler from moving loads of the next pass in front of it, which would take too many registers.
     const SUMS_IN_MEMORY: bool = false;
     /// Offset of a table value for each lane, in values from the start of the table.
     type Offsets: Copy;
@@ -171,8 +172,8 @@ fn last_row<T: Value>(table: Table<'_, T>, features: usize) -> Option<u32> {
     u32::try_from(entries.checked_sub(2)?).ok()
 }
 
-/// Returns the offset of the last four bytes of `bytes`, to which offsets of a gather of 32-bit words are clamped.
-/// `None` if `bytes` has fewer than four bytes, or if the offset exceeds 2^31 − 1.
+/// Returns the largest offset at which four bytes fit inside `bytes`. Gathers of 32-bit words clamp their offsets to
+/// this offset. `None` if `bytes` has fewer than four bytes, or if the offset exceeds 2^31 − 1.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 pub fn last_word(bytes: &[u8]) -> Option<u32> {

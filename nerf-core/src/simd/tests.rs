@@ -1,4 +1,4 @@
-//! Tests of reading bits: every instruction set against plain loops.
+//! Tests of the reading of single bits into lanes of a vector: every instruction set against plain loops.
 
 extern crate std;
 

@@ -141,7 +141,8 @@ impl Accumulator {
     /// Adds the density of the next sample, at distance `t`, and returns the sample's weight.
     ///
     /// `sigma`: 1/world unit, clamped to `>= 0`; must not be NaN. `t`: world units along the ray, finite. `delta`:
-    /// width of the sample's bin, world units. A `sigma` or `delta` of +inf is opaque unless the other is 0.
+    /// width of the sample's bin, world units. If `sigma` or `delta` is +inf, the sample is opaque, unless the other is
+    /// 0.
     #[inline]
     pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
         let tau = thickness(sigma, delta);
@@ -185,10 +186,11 @@ impl Accumulator {
     }
 
     /// Whether the photon of a ray made by [`Accumulator::until`] collides in a bin. If so, adds opacity 1 and the
-    /// distance of the collision. The caller must already have added the bin's optical thickness. `before`: result of
-    /// [`Accumulator::optical_thickness`] in front of the bin; `-before` is the thickness from there to the collision.
-    /// `sigma`: density of the bin, 1/world unit, not 0. `t`: middle of the bin, world units along the ray. `delta`:
-    /// width of the bin, world units along the ray.
+    /// distance of the collision. The caller must already have added the bin's optical thickness.
+    ///
+    /// `before`: result of [`Accumulator::optical_thickness`] in front of the bin. `-before` is the optical thickness
+    /// from the bin's front edge to the collision. `sigma`: density of the bin, 1/world unit, not 0. `t`: middle of the
+    /// bin, world units along the ray. `delta`: width of the bin, world units along the ray.
     #[inline]
     pub(crate) fn collide(&mut self, before: f32, sigma: f32, t: f32, delta: f32) -> bool {
         let collides = -before < thickness(sigma, delta);
@@ -201,11 +203,14 @@ impl Accumulator {
 
     /// Decides whether the last sample's colour is evaluated. The state holds the summed weights of the samples since
     /// the last evaluated colour. If this sum exceeds `cut`, returns the sum and resets it to 0; else returns `None`.
-    /// For a returned sum, the caller must evaluate the last sample's colour and call [`Accumulator::add_colour`] with
-    /// sum and colour, or call [`Accumulator::colour_all`] at the end of the ray.
+    ///
+    /// If a sum is returned, the caller must evaluate the last sample's colour, and pass the sum and the colour to
+    /// [`Accumulator::add_colour`]. With deferred shading, the caller instead calls [`Accumulator::colour_all`] once,
+    /// at the end of the ray.
     ///
     /// Samples of low weight thus get the colour of the next evaluated sample. Samples left without a colour have a
-    /// total weight of at most `cut`. If `cut` is 0 at every call, the result is the last sample's own weight.
+    /// total weight of at most `cut`. If `cut` is 0 at every call, the result is the last sample's own weight, or
+    /// `None` for a weight of 0.
     #[inline]
     pub fn take_uncoloured(&mut self, cut: f32) -> Option<f32> {
         (self.uncoloured > cut).then(|| core::mem::take(&mut self.uncoloured))
@@ -227,13 +232,13 @@ impl Accumulator {
     }
 
     /// Returns the ray's pixel, over `background`. `start`: distance along the ray from which the samples' `t` is
-    /// measured; added to the mean of `t`. `cut`: whether the ray was terminated early. The pixel of a terminated ray
-    /// is opaque: the ray's mean colour replaces the background. `far`: distance of a pixel without a surface; other
-    /// distances along the ray are clamped to `far`. `z_per_distance`: cosine between ray and view axis.
+    /// measured; added to the mean of `t`. `far`: distance of a pixel without a surface, and upper limit of the mean
+    /// distance along the ray. `z_per_distance`: cosine between ray and view axis. `cut`: whether the ray was
+    /// terminated early. If so, the pixel is opaque: the ray's mean colour replaces the background.
     ///
-    /// The last samples may have no evaluated colour. If the weights of these samples add up to less than the weights
-    /// of the coloured samples, they get the ray's mean colour; else they stay black. Sets no median distance and no
-    /// normal: both stay 0.
+    /// Samples at the end of the ray may have no evaluated colour. If their weights add up to less than the weights of
+    /// the coloured samples, they get the ray's mean colour; else they stay black. The pixel's median distance and
+    /// normal are 0.
     ///
     /// # Source
     /// Müller et al. 2022, the authors' renderer: opaque pixels of terminated rays.

@@ -41,8 +41,8 @@ impl LogGains {
         (self.0.iter().map(|gain| (brightness(gain) - mean).powi(2)).sum::<f64>() / count).sqrt()
     }
 
-    /// Returns the photograph with the largest |log gain|, averaged over the channels: its index and log gain. `None`
-    /// if |log gain| is below ln 2.
+    /// Returns the photograph whose log gain, averaged over the channels, has the largest absolute value: its index and
+    /// this average. `None` if the absolute value is below ln 2.
     pub fn outlier(&self) -> Option<(u32, f32)> {
         let gains = self.0.iter().map(|gain| brightness(gain) as f32).zip(0..);
         let farthest = gains.max_by(|(a, _), (b, _)| a.abs().total_cmp(&b.abs()));

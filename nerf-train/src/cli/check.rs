@@ -29,9 +29,9 @@ const DECODED_PER_SECOND: u64 = 15_000_000;
 
 /// Check a capture before training: coverage, blur, exposure, overlap, poses.
 ///
-/// `fit` runs the same check before training. One possible fault is a folded reconstruction: repeated structures made
-/// the reconstruction place two sides of an orbit on top of each other. Photographs that share points then show
-/// different objects. Detecting a fold needs poses with point tracks, as in a COLMAP reconstruction.
+/// `fit` runs the same check before training. One possible fault is a folded reconstruction: because of repeated
+/// structures, two sides of an orbit were reconstructed on top of each other. Photographs of different objects then
+/// share points. Detecting a fold needs poses with point tracks, as in a COLMAP reconstruction.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   nerf-train check holiday_poses
@@ -103,8 +103,8 @@ impl Check {
         global.finish_with(&summary, || print_lines(lines))
     }
 
-    /// Cross-validates the photographs of `dataset` in fits of `steps` steps. Near and far planes are those of the
-    /// flags, if given. All other settings are the preset's.
+    /// Cross-validates the photographs of `dataset` in fits of `steps` steps. `--near` and `--far`, if given, set the
+    /// near and far planes. All other settings are the preset's.
     fn cross_validated(
         &self,
         dataset: &Dataset,

@@ -36,8 +36,8 @@ impl Split {
         }
     }
 
-    /// Returns at most `count` evenly spaced views of the split; fails if the split is empty. `data`: path for the
-    /// error.
+    /// Returns at most `count` evenly spaced views of the split; fails if the split is empty. `data`: path of the data
+    /// set, for the error message.
     pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
         let views = spread(self.of(dataset), count);
         ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());
@@ -176,8 +176,8 @@ impl Eval {
         Ok(views.iter().zip(cameras).map(|(view, camera)| Some(view.seen_from(camera?))).collect())
     }
 
-    /// Prints a note if `--background` differs from `own`, the scene file's background, although all photographs are
-    /// opaque. Opaque photographs keep their own background.
+    /// Prints a note if `--background` has no effect because all photographs are opaque: opaque photographs keep their
+    /// own background. Prints nothing if `--background` equals `own`, the scene file's background.
     fn say_opaque(&self, views: &[&View], own: [f32; 3], global: &Global) {
         let other = self.background.is_some_and(|background| background != own);
         if other && views.iter().all(|view| !view.has_alpha()) {

@@ -39,7 +39,7 @@ pub struct Explain {
     /// View index in the split, from 0.
     #[arg(long, value_name = "I", default_value_t = 0, requires = "data")]
     view: usize,
-    /// Explain a rendering without colour: of opacity and distances alone.
+    /// Explain a rendering of opacity and distances alone, without colour.
     #[arg(long)]
     no_colour: bool,
     /// Also render the median distance.

@@ -56,7 +56,7 @@ pub struct Fit {
     /// Steps between validations [default: an eighth of the run, or more if validations take over 5 % of its time].
     #[arg(long, value_name = "N")]
     validate_every: Option<u32>,
-    /// Drop view dependence if it raises the PSNR of training views by less than this, dB.
+    /// Remove view dependence if it raises the PSNR of training views by less than this, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Folder in which live.nerf, the newest scene, is replaced about every second; examples/web shows it.
@@ -68,7 +68,7 @@ pub struct Fit {
     /// Validation views that --snapshots renders, by index from 0 [default: two views].
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "report")]
     snapshot_views: Vec<usize>,
-    /// Train only on group N of photographs: if poses disagree, `check` lists consistent groups, numbered from 1.
+    /// Train only on photographs of group N, from 1; if poses disagree, `check` lists groups with consistent poses.
     #[arg(long, value_name = "N")]
     group: Option<usize>,
     #[command(flatten)]

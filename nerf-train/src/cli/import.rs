@@ -55,7 +55,7 @@ pub struct Import {
     /// Allow transforms files to name images outside the folder of --check.
     #[arg(long, requires = "check")]
     outside_files: bool,
-    /// Drop view dependence if it raises the PSNR of the views of --check by less than this, dB.
+    /// Remove view dependence if it raises the PSNR of the views of --check by less than this, dB.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true, requires = "check")]
     effect_threshold: f64,
     /// Occupancy grid with which the network was trained: .npy, booleans [x, y, z] over the scene box.

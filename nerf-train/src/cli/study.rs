@@ -21,9 +21,9 @@ const OCCUPANCIES: [(u16, f32); 5] = [(32, 0.01), (64, 0.01), (96, 0.01), (96, 0
 
 /// Measure time and accuracy of approximate rendering, such as fewer samples, and find the Pareto front.
 ///
-/// Errors are measured against the images of DATA, and against the exact rendering: every sample of a ray (only in
-/// occupied cells if the occupancy grid is part of the model), no early ray termination, f32 arithmetic. A Pareto front
-/// in the scene file lets a renderer choose settings by PSNR.
+/// Errors are measured against the images of DATA, and against the exact rendering: f32 arithmetic, no early ray
+/// termination, every sample of a ray. If the occupancy grid is part of the model, samples outside occupied cells are
+/// left out. A Pareto front in the scene file lets a renderer choose settings by PSNR.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example: nerf-train study lego.nerf lego_200x200.npz --report out/study -o lego_front.nerf"

@@ -57,17 +57,17 @@ struct Lists {
     /// Widths of the hidden layers, a list to compare.
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     width: Vec<u16>,
-    /// Sizes of a hash table, as exponents of 2: at most 2^N entries per level; a list to compare (grids).
+    /// Exponents N of hash table sizes: at most 2^N entries per level; a list to compare (networks with a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
-    /// Numbers of resolution levels of the learned grid, a list to compare (grids).
+    /// Numbers of resolution levels of the learned grid, a list to compare (networks with a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     grid_levels: Vec<u8>,
-    /// Features per level: 1, 2 or 4; a list to compare (grids).
+    /// Features per level: 1, 2 or 4; a list to compare (networks with a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     features: Vec<u8>,
-    /// Cells along the longest side of the scene box or image, at the finest level, a list to compare (grids) [default:
-    /// the preset's; for images, the image size].
+    /// Cells along the longest side of the scene box or image, at the finest level, a list to compare (networks with a
+    /// grid) [default: the preset's; for images, the image size].
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     finest: Vec<u16>,
     /// Initial learning rates, a list to compare.
@@ -107,7 +107,8 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Trains this process's missing combinations, then reports all results. `more`: further knobs and their values.
+    /// Trains the combinations that are assigned to this process and have no result yet. Then reports all results.
+    /// `more`: further settings to vary, with their values.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;
@@ -207,7 +208,7 @@ pub struct SceneSweep {
     /// Samples per ray, a list to compare (networks without a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Update each hashed level only every N steps, by its summed gradients; a list to compare (grids).
+    /// Update each hashed level only every N steps, by its summed gradients; a list to compare (networks with a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Seed of the initial weights and of all random choices in training [default: the preset's].

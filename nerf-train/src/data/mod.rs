@@ -13,9 +13,9 @@
 //! | a folder with a COLMAP reconstruction in `sparse/0`, `sparse/1`…, `sparse` or itself | [`Format::Colmap`] | OpenCV, world to camera |
 //! | a folder with `poses_bounds.npy` | [`Format::Llff`] | columns down, right, backward |
 //!
-//! If several layouts fit a folder, [`ReadOptions::layout`] chooses one. Without a choice, the first that fits of
-//! transforms, COLMAP and LLFF is read. Coordinates are the file's own, unless the cameras are far from the origin:
-//! then the origin is moved near them ([`Dataset::origin`]).
+//! If several layouts fit a folder, [`ReadOptions::layout`] chooses one. Without a choice, the first layout that fits
+//! is read, in the order transforms, COLMAP, LLFF. Coordinates are the file's own, unless the cameras are far from the
+//! origin: then the origin is moved near them ([`Dataset::origin`]).
 
 pub mod cameras;
 pub mod demo;
@@ -321,8 +321,8 @@ impl ReadOptions {
 /// Reads the data set at `path`: a folder, a `transforms*.json` or a `.npz`.
 ///
 /// # Errors
-/// [`DatasetError`] names the file, the field, what was expected and what was found. Pictures
-/// that a json names but that do not exist are no error as long as one training view is left.
+/// [`DatasetError`] names the file, the field, what was expected and what was found. A json may name pictures that do
+/// not exist, if at least one training view exists. With [`ReadOptions::to_measure`], one view of any split is enough.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     read_watched(path, options, &Watch::default())
 }

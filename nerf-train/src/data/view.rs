@@ -62,8 +62,8 @@ impl View {
     ///
     /// The smaller view has the middle pixel of each block of `step` × `step` pixels, and a camera with exactly the
     /// rays of these pixels. `step` must be odd. Along a side shorter than `step`, a block has the largest odd number
-    /// of pixels that fits. Incomplete blocks are dropped. If `step` is at most 1, or if the mask leaves none of the
-    /// middle pixels, the view itself is returned.
+    /// of pixels that fits. Incomplete blocks are left out. If `step` is at most 1, or if all middle pixels are masked
+    /// out, the view itself is returned.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
             return Cow::Borrowed(self);

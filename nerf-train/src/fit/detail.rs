@@ -18,8 +18,8 @@
 //! half the entries and 0.7 times the cells give 32.66 dB, no clear gain.
 //!
 //! [`for_long_run`] shortens the march steps to 3/4, and changes the preset's table entries from 2^16 in f16 to 2^17 in
-//! int8. PSNR in dB by number of entries and storage, before the march steps were shortened, on lego at 200², every
-//! tenth training photograph held out, two cores, AVX-512:
+//! int8. The following table gives PSNR in dB by number of entries and storage, before the march steps were shortened.
+//! Measured on lego at 200², with every tenth training photograph held out, on two cores, with AVX-512:
 //!
 //! | seconds | 2^16 entries, f16 | 2^17, f16 | 2^17, int8 | 2^18, f16 |
 //! | ---: | ---: | ---: | ---: | ---: |
@@ -109,8 +109,9 @@ pub fn is_long(budget: &Budget) -> bool {
 }
 
 /// Adapts the settings to a long run, which learns more detail. Shortens the march steps to 3/4 of their length.
-/// Doubles the number of entries of each level, and stores them in int8, so that the file is no larger. Entries that
-/// differ from the preset's, and settings that are set in `chosen`, do not change.
+/// Doubles the number of entries of each level, and stores them in int8, so that the file is no larger. The number
+/// changes only if it equals the preset's; the format changes only if number and format equal the preset's. Settings
+/// that are set in `chosen` do not change.
 pub fn for_long_run(mut config: Config, chosen: Chosen) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };

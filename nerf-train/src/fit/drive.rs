@@ -19,8 +19,8 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Returns the used fraction of the budget. The next step is taken to last `last_step` seconds, as the last step
-    /// did, and this time counts as used.
+    /// Returns the used fraction of the budget. The used time includes the next step, which is assumed to last as long
+    /// as the last step: `last_step` seconds.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;

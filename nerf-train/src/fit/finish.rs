@@ -52,8 +52,8 @@ pub struct Outcome {
     pub shown: Vec<Shown>,
     /// Background over which validation views are rendered and measured, display-encoded.
     pub background: [f32; 3],
-    /// PSNR, dB, of an image filled with the view's mean colour: mean over the validation views that show more than one
-    /// colour. Without validation views, some training views are used.
+    /// Mean PSNR, dB, of images that are filled with the mean colour of a view. The mean is over the validation views
+    /// that show more than one colour. Without validation views, some training views are used.
     pub flat_psnr_db: f64,
     /// Whether no view scores better than an image of one colour. The learning rate is then too high, or the steps are
     /// too few.
@@ -80,7 +80,7 @@ pub struct Outcome {
     pub reseeds: u32,
     pub parameters: usize,
     pub occupied_share: f32,
-    /// Seconds from the start until the last step, reading and validation included.
+    /// Seconds from the start until the last step, including validation and reading of the data set.
     pub train_seconds: f64,
     /// Numbers of samples per second of training: `[samples with evaluated density, samples with computed gradients]`.
     pub samples_per_second: [f64; 2],
@@ -190,8 +190,9 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Returns the scores of `views` for each element of `renderings`, which is a blob and quality settings. All renderings
-/// are scored on the same pixels. The number of pixels is as large as the time limit allows, up to a maximum per view.
+/// Returns the scores of `views`, rendered in several ways: once per element of `renderings`, which are pairs of a blob
+/// and quality settings. All renderings are scored on the same pixels. The number of pixels is as large as the time
+/// limit allows, up to a maximum per view.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -220,8 +221,8 @@ pub(super) fn compare(
     if lattice < probe { on(lattice) } else { Ok(scores) }
 }
 
-/// Returns the PSNR, dB, that the file `draft` loses on training views if rendered without its occupancy grid, and the
-/// scores of these views with the grid. The loss is not measured for a learned grid, and is then `None`.
+/// Measures the file `draft` on training views with and without its occupancy grid. Returns the PSNR, dB, that is lost
+/// without the grid, and the scores with the grid. For a learned grid, the loss is not measured, and is `None`.
 fn ask_occupancy(session: &Session<'_, '_>, draft: &[u8]) -> anyhow::Result<(Option<f64>, Scores)> {
     let views = asked_views(session);
     let views: Vec<&View> = views.iter().collect();
@@ -337,8 +338,9 @@ pub struct ViewDependence {
     pub left_out: bool,
 }
 
-/// Replaces the candidate's encoded direction by its mean over training rays, if this lowers PSNR by less than the
-/// threshold. Returns `None` if no threshold is set, or if colour does not depend on the direction.
+/// Removes the view dependence of the export candidate if PSNR falls by less than the threshold. To remove it, replaces
+/// the encoded direction by its mean over training rays. Returns the loss and the decision; `None` if no threshold is
+/// set, or if colour does not depend on the direction.
 ///
 /// PSNR is measured on training views: validation views must not decide what is exported.
 pub(super) fn ask_direction(

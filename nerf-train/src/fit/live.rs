@@ -19,7 +19,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Number of photographs in `views.json`, spread over the validation split or, without one, the training split.
+/// Number of photographs in `views.json`, evenly spaced in the validation split. If this split is empty, the training
+/// split is used.
 const VIEWS: usize = 8;
 /// Longest side of the written photographs, pixels.
 const SIDE: usize = 400;

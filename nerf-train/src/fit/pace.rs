@@ -64,8 +64,8 @@ impl Pace {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
 
-    /// Whether enough time is left, after `now` seconds of the run, to validate `views` views on the fewest pixels,
-    /// which are `PROBED_PIXELS` of each view.
+    /// Whether enough time is left, after `now` seconds of the run, to validate `views` views with the smallest number
+    /// of pixels: `PROBED_PIXELS` per view.
     pub fn affords(&self, now: f64, views: usize) -> bool {
         let coarsest = (views as u64 * PROBED_PIXELS) as f64 * self.per_pixel.unwrap_or(0.0);
         MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)
@@ -119,8 +119,8 @@ impl Pace {
 
     /// Returns the estimated seconds of the work after the last step: a last validation, comparisons of export
     /// candidates, exports, final evaluation, and writing files. Returns 0 without a time limit. `validation`: number
-    /// of pixels that the final evaluation renders; measuring the quantisation loss is assumed to render as many.
-    /// `asked`: number of pixels that each comparison renders.
+    /// of pixels that the final evaluation renders. Measuring the quantisation loss is assumed to render the same
+    /// number of pixels. `asked`: number of pixels that each comparison renders.
     pub fn reserve(&self, validation: u64, asked: u64) -> f64 {
         let Some(seconds) = self.seconds else { return 0.0 };
         let price = |pixels: u64, share: f64| match self.per_pixel {

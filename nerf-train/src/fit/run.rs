@@ -34,12 +34,12 @@ pub struct RunOptions {
     pub checkpoint_every: f64,
     pub resume: bool,
     pub snapshots: Option<SnapshotOptions>,
-    /// Whether a report will be written: renderings are kept for it, and time is reserved.
+    /// Whether a report will be written. If so, the run keeps renderings for the report, and reserves time to write it.
     pub report: bool,
     /// Steps between validations during training; `None` validates after each eighth of the budget.
     pub validate_every: Option<u32>,
-    /// Least gain of PSNR, dB, with which view-dependent colour is exported; `None` always exports view-dependent
-    /// colour.
+    /// Least PSNR, dB, that view-dependent colour must gain to be exported. With `None`, view-dependent colour is
+    /// always exported.
     pub effect_threshold_db: Option<f64>,
     /// Folder in which the newest blob is kept for a web page; `None` writes no blob during the run.
     pub live: Option<PathBuf>,
@@ -126,8 +126,8 @@ impl Session<'_, '_> {
         self.pace.reserve(self.times() * self.pixels[0], self.pixels[1]) + refining
     }
 
-    /// Returns the number of times that each validation view is measured at the end: 2 if poses are refined, with the
-    /// given and with the refined pose; else 1.
+    /// Returns the number of times that each validation view is measured at the end. If poses are refined, the number
+    /// is 2: once with the given pose and once with the refined pose. Otherwise, the number is 1.
     pub(super) fn times(&self) -> u64 {
         if self.trainer.held_out_rays() > 0 { 2 } else { 1 }
     }

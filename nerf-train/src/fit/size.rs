@@ -32,9 +32,9 @@ const FEWER_LEVELS: usize = 2;
 /// Number of times that the configured number of entries may be doubled: only for entropy-coded tables, and if the file
 /// has room. Measured on lego, 4,000 steps, 1 MiB: 32.66 dB with 2^17 entries, 32.40 dB with 2^16.
 const MORE_LOG2_ENTRIES: u8 = 1;
-/// Least number of bits per value of entropy-coded tables. Table settings count as fitting only if the file has room
-/// for this number of bits. The second number is used only if no settings fit with the first. With either number, the
-/// quantisation steps are then made as fine as the file's limit allows.
+/// Least numbers of bits per value of entropy-coded tables. Table settings are accepted only if the file has room for
+/// the first number. The second number is used instead only if no settings are accepted with the first. With either
+/// number, the quantisation steps are then made as fine as the file's limit allows.
 ///
 /// PSNR on lego if the first number is 3.9 or 2.0, with every tenth training photograph held out:
 ///
@@ -67,9 +67,10 @@ pub struct Chosen {
 /// bytes, whatever the run learns, even with a full Pareto front of rendering settings. `extent`: sides of the scene
 /// box, world units. Returns `None` without a learned grid.
 ///
-/// If the file of `config` is too large, f16 tables become entropy-coded, unless the user chose the format. Coded
-/// tables have as many values as fit, and then the finest quantisation steps that fit. Their number of entries may
-/// double, with slightly finer levels; no other setting grows. Returns an error if even the smallest file is too large.
+/// If the file of `config` is too large, f16 tables become entropy-coded, unless the user chose the format.
+/// Entropy-coded tables get the largest number of values that fits, and then the finest quantisation steps that fit.
+/// The number of their entries may double, with slightly finer levels; no other setting grows. Returns an error if even
+/// the smallest file is too large.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -133,7 +134,8 @@ pub fn picture_within(
 }
 
 /// Chooses the table settings with the most values that fit into a file of `max_bytes` bytes, and the finest resolution
-/// of the occupancy grid that fits with them. `most_bytes`: returns the size of the largest file for given settings.
+/// of the occupancy grid that fits with them. `most_bytes`: function that returns the size of the largest file for
+/// given settings.
 ///
 /// Resolutions are tried in groups of [`NEIGHBOURS`] adjacent ones, the finest group first. The first group with which
 /// any table fits is used. Entropy-coded tables also get the remaining bytes, which allow finer quantisation steps.
@@ -204,8 +206,10 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
     }
 }
 
-/// Returns the candidate table settings, f16 before entropy-coded and many levels before few. No candidate has more
-/// levels than `own`, the configured table. Only entropy-coded candidates have more entries, by up to `more` doublings.
+/// Returns the candidate table settings, most entries first. Of candidates with equal entries and resolutions, those
+/// with more levels come first. Of candidates that differ only in format, f16 comes first. No candidate has more levels
+/// than `own`, the configured table. Only entropy-coded candidates have more entries than `own`, by up to `more`
+/// doublings.
 ///
 /// `cells(h)`: candidate resolutions `[coarsest, finest]` of the levels if the number of entries is halved `h` times. A
 /// negative `h` means that the number is doubled `-h` times.
@@ -246,16 +250,16 @@ fn tables(
 }
 
 /// Returns the largest number of cells along x, y, z that an occupancy grid of this `resolution` can have. A run builds
-/// the grid either at full resolution, or at half the resolution with each cell then divided into eight. Rounding makes
-/// the numbers of cells differ.
+/// the grid in one of two ways: at full resolution, or at half the resolution with each cell then divided into eight.
+/// Because of rounding, the two ways can give different numbers of cells.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
     std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
 }
 
-/// Returns the size of the largest file that a run can export, bytes: with a full Pareto front, and with numbers whose
-/// encoding is longest. `extent`: sides of the scene box, world units.
+/// Returns the size, bytes, of the largest file that a run can export: a file with a full Pareto front, in which every
+/// number has the longest encoding. `extent`: sides of the scene box, world units.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];
@@ -336,8 +340,9 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     }
 }
 
-/// Returns the size, bytes, of the file with the contents `body` and all weights, which `body` lacks. For a learned
-/// grid, tables with the settings `table` are added, too. Entropy-coded tables are counted with their largest size.
+/// Returns the size of a file, bytes. `body`: contents of the file without weights, whose size is added. `table`:
+/// settings of a learned grid's tables, whose size is added, too. Entropy-coded tables are counted with their largest
+/// size.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();

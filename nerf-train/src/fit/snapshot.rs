@@ -19,8 +19,9 @@ pub struct SnapshotOptions {
 }
 
 impl SnapshotOptions {
-    /// Returns the indices of the views to render, each once; those in `watched` if the options name no views. Fails if
-    /// an index is not below the number of validation views, or if snapshots are requested without validation views.
+    /// Returns the indices of the views to render, without duplicates. If the options name no views, the indices are
+    /// those of `watched`. Fails if an index is not below the number of validation views, or if snapshots are requested
+    /// without validation views.
     pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();

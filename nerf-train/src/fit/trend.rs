@@ -26,11 +26,11 @@ pub struct Stop {
 
 impl Stop {
     /// Finds the validation after which validation PSNR stopped rising while training PSNR still rose: overfitting.
-    /// Returns `None` if no validation is of this kind. `curve`: oldest point first.
+    /// Returns `None` if no overfitting is found. `curve`: oldest point first.
     ///
     /// Validation PSNR stopped rising at the first validation that no later validation exceeds by more than 0.05 dB.
     /// At least two validations must follow. Training PSNR still rose if its smoothed value gained more than 0.3 dB
-    /// from the validation found to the last validation.
+    /// from the validation at which validation PSNR stopped rising to the last validation.
     ///
     /// # Examples
     /// Validations of 20, 22, 21, 20 dB, and training PSNR of 20, 23, 26, 29 dB: stopped at the second validation.

@@ -142,7 +142,7 @@ pub(super) fn validate(session: &mut Session<'_, '_>, due: Due) -> anyhow::Resul
 }
 
 /// Measures the field in the file bytes `bytes` at every `lattice`-th row and column of `views`, and stores the seconds
-/// per pixel in the session's `Pace`. `each` receives each rendering.
+/// per pixel in the session's `Pace`. Calls the function `each` with the rendering of each view.
 pub(super) fn measure_priced(
     session: &mut Session<'_, '_>,
     bytes: &[u8],

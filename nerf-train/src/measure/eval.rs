@@ -65,8 +65,8 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> Option<f64> {
 }
 
 /// Renders every view over `background`, and scores the frame against the view's photograph over the same background.
-/// Masked pixels do not count. Rays begin at the camera, unless the plan limits the range of distances. `each` is
-/// called with every view, its frame, ground truth and score, in order.
+/// Masked pixels are left out of the scores. Rays begin at the camera, unless the plan limits the range of distances.
+/// `each`: function called with every view, its frame, ground truth and score, in order.
 pub fn evaluate<'v>(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,

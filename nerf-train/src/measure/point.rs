@@ -241,8 +241,8 @@ impl Settings {
         }
     }
 
-    /// Whether these settings are slow. A study renders only its timing views with slow settings. Settings are slow
-    /// without an occupancy grid, or with the portable kernel that reads weights directly from the blob's bytes.
+    /// Whether these settings are slow: without an occupancy grid, or with the portable kernel that reads weights
+    /// directly from the blob's bytes. With slow settings, a study renders only its timing views.
     pub fn is_slow(&self, has_occupancy: bool) -> bool {
         self.kernel == Kernel::IN_PLACE || !(has_occupancy && self.quality.occupancy)
     }

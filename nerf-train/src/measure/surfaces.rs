@@ -40,7 +40,7 @@ impl Surfaces {
     pub const OUTPUTS: Outputs = Outputs { median_distance: true, ..Outputs::ALL };
 
     /// Measures the surfaces of a renderer's field against the `points` that `views` show and [`Sights`] accepts. Both
-    /// errors are `None` without such points. `plan` must have the outputs [`Self::OUTPUTS`].
+    /// errors are `None` if there are no accepted points. `plan` must have the outputs [`Self::OUTPUTS`].
     pub fn with(
         renderer: &Renderer<'_>,
         plan: &Plan<'_>,

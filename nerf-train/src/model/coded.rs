@@ -8,8 +8,8 @@ use nerf_core::encoding::{GridEncoding, GridLevel};
 const TO_AN_OCTAVE: i32 = 16;
 /// Exponent `i` (see [`FINEST`]) of the default quantisation step of the largest level. A value then takes 4.6 bits.
 const OWN: i32 = -11 * TO_AN_OCTAVE / 4;
-/// Exponent `i` of the finest candidate step. A candidate step is 2^(`i` / 16) times the root mean square of all
-/// values. The exponents end at [`COARSEST`], with which every value becomes 0.
+/// Exponent `i` of the finest candidate step. For the largest level, the step of exponent `i` is 2^(`i` / 16) times the
+/// root mean square of all values. With the step of the largest exponent, [`COARSEST`], every value becomes 0.
 const FINEST: i32 = -8 * TO_AN_OCTAVE;
 const COARSEST: i32 = 24 * TO_AN_OCTAVE;
 /// Power `p`: the step of a level with `n` values is proportional to `n^p`. In theory, 1/2 is best. Measured PSNR of
@@ -19,8 +19,9 @@ const POWER: f32 = 0.25;
 /// per entry, few entries are unread.
 const SHARED: usize = 8;
 
-/// Returns the quantisation step of each level. With `most_bytes`, the steps are the smallest with which the coded
-/// tables fit this size; with `None`, the default steps. No step is smaller than in int8 storage ([`scale_of`]).
+/// Returns the quantisation step of each level. If `most_bytes` is given, the steps are the smallest with which the
+/// coded tables take at most `most_bytes` bytes. If it is `None`, the steps have the default exponent `OWN`. No step is
+/// smaller than the level's step in int8 storage ([`scale_of`]).
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -41,11 +42,13 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     }
 }
 
-/// Returns the least exponent `i` from `least` to [`COARSEST`] with which coded tables take at most `most` bytes, else
-/// [`COARSEST`]. `rounded(i)`: table values rounded to the quantisation steps of exponent `i`, one signed byte each.
+/// Returns the smallest exponent `i`, from `least` to [`COARSEST`], with which the coded tables take at most `most`
+/// bytes. Returns [`COARSEST`] if no exponent is large enough. `rounded(i)`: table values rounded to the quantisation
+/// steps of exponent `i`, one signed byte per value.
 ///
 /// Coding takes 30 times as long as computing the [`entropy`]. The search therefore begins at an exponent estimated
-/// from entropies and one coding. From there, strides double until the result is bracketed; then the bracket is halved.
+/// from entropies and one coding. From this exponent, the search moves by strides that double until the result lies
+/// between two tried exponents. Bisection then finds the result.
 fn finest_within(least: i32, most: usize, grid: &GridEncoding, rounded: impl Fn(i32) -> Vec<u8>) -> i32 {
     let exponents: Vec<i32> = (least..COARSEST).collect();
     let by_entropy = |bytes: f64| {
@@ -96,8 +99,9 @@ pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Ve
     rounded
 }
 
-/// Entropy-codes `values` with the quantisation steps `given`. If the result exceeds `most_bytes`, multiplies all steps
-/// by the smallest factor 2^(`i` / 16) with which the result fits. Returns the bytes and the steps used.
+/// Entropy-codes `values` with the quantisation steps `given`. If the result exceeds `most_bytes`, all steps are
+/// multiplied by 2^(`i` / 16), for the smallest whole number `i` that makes the result fit. Returns the bytes and their
+/// quantisation steps.
 pub(super) fn coded(
     grid: &GridEncoding,
     values: &[f32],
@@ -124,8 +128,9 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }
 
-/// Returns `values` with 0 in the entries that no sample in an occupied cell reads. Levels with more than [`SHARED`]
-/// vertices per entry stay unchanged. `resolution`, `bits`: occupancy cells along x, y, z, and one bit per cell.
+/// Returns a copy of `values` in which the entries that no sample in an occupied cell reads are 0. Levels with more
+/// than [`SHARED`] vertices per entry stay unchanged. `resolution`: number of occupancy cells along x, y, z; `bits`:
+/// one bit per occupancy cell.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],

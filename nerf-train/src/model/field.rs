@@ -8,8 +8,8 @@ use nerf_core::simd::{BLOCK, Isa};
 use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
-/// Returns sigma, 1/world unit, at each of `points`. `parameters`: those of the layers in the architecture's order,
-/// then the table values of the grid that spans `bounds`, unless there is no grid.
+/// Returns sigma, 1/world unit, at each of `points`. `parameters`: layer parameters in the architecture's order, then
+/// the values of the grid's tables, if there is a grid. `bounds`: box that the grid spans.
 ///
 /// # Panics
 /// If the parameters do not fit the architecture.

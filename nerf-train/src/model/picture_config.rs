@@ -133,7 +133,8 @@ impl FieldConfig {
         self.optimiser.check()
     }
 
-    /// Returns the network for an image of this width and height, pixels. The exported network has the same layers.
+    /// Returns the network for an image of this width and height, pixels. Training and the exported file have the same
+    /// layers.
     pub fn model(&self, size: [u32; 2]) -> Model {
         let layer = TrunkLayer { width: self.width as u16, skip: false };
         let (levels, scale) = (self.levels, AngleScale::Pi);

@@ -36,8 +36,8 @@ impl From<TableStorage> for Rounding {
 /// Fraction of a run after which training reads int8 and coded tables rounded as in the exported file, so that the
 /// parameters adapt to the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// Fractions of a level's values that are not clipped, one per candidate quantisation step. The values of largest
-/// magnitude are clipped.
+/// For each candidate quantisation step: fraction of a level's values that the step does not clip. The values of
+/// largest magnitude are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -50,8 +50,9 @@ pub struct Quantised {
 }
 
 impl Quantised {
-    /// Rounds the `values` of `grid`. Int8 and coded values become multiples of the steps `given`, one per level, or of
-    /// [`scales`] if `given` is empty. Coded tables that exceed their limit of bytes get larger steps.
+    /// Rounds the `values` of `grid`. Int8 and coded values become multiples of their level's quantisation step.
+    /// `given`: quantisation step of each level; if empty, [`scales`] chooses the steps. If coded tables exceed their
+    /// limit of bytes, their steps become larger.
     ///
     /// # Errors
     /// Index and value of the first value that is not finite or beyond ±65504, f16's largest.
@@ -124,8 +125,9 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Returns each level's quantisation step. Coded: the smallest step with which the tables fit the limit of bytes or,
-/// without a limit, a default step. Int8 or f16: the int8 step of least squared error.
+/// Returns the quantisation step of each level. For coded tables, the steps are the smallest with which the tables fit
+/// the limit of bytes. Without a limit, coded tables have default steps. For int8, each step is the one of least
+/// squared error. For f16, which needs no steps, the result is as for int8.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),

@@ -19,10 +19,10 @@ pub type Ranges = Vec<(Output, (f32, f32))>;
 /// Smallest side of a view in the coarse pass, pixels. The pass reduces a side to a quarter, but not below this limit.
 const COARSE: u32 = 64;
 
-/// Renders every camera's view and passes the frame to all writers. `each` is called with the number of finished views,
-/// before each view and at the end.
+/// Renders every camera's view and passes the frame to all writers. The callback `each` gets the number of finished
+/// views, before each view and at the end.
 ///
-/// If a view fails, dropping the writers leaves no half-written file.
+/// If a view fails, no half-written file remains after the writers are dropped.
 pub fn render(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,
@@ -44,7 +44,7 @@ pub fn render(
 /// Finds distances at the ends of the colour map, world units: one range per distance output for all frames of a video.
 ///
 /// The ranges are needed before the first frame is written. A coarse pass finds the ranges with a sixteenth of the
-/// work; otherwise, all frames would have to be kept in memory. `each` is called with the number of frames done.
+/// work; otherwise, all frames would have to be kept in memory. The callback `each` gets the number of finished frames.
 pub fn ranges(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,

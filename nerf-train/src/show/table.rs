@@ -67,8 +67,9 @@ impl Table {
         })
     }
 
-    /// Formats the table as text. `tidy` changes each cell before padding; `left`, `between`, `right`: text around
-    /// cells; `rule(right_aligned, width)`: dashes below the name of a column that is `width` characters wide.
+    /// Formats the table as text. `tidy` changes each cell before padding. `left`, `between` and `right` are the texts
+    /// before, between and after the cells of a row. `rule(right_aligned, width)` returns the dashes below the name of
+    /// a column that is `width` characters wide.
     fn lines(
         &self,
         tidy: impl Fn(&String) -> String,

@@ -28,8 +28,8 @@ pub enum Sink {
 #[derive(Debug)]
 pub struct Written {
     pub path: PathBuf,
-    /// Number after this run's last frame, if an earlier run left a frame with this number in the folder; else `None`.
-    /// Always `None` if several processes write frames to the folder.
+    /// Number of the frame after this run's last frame, if the folder has a picture of that number from an earlier run.
+    /// `None` if there is no picture of that number, or if several processes write frames to the folder.
     pub older_from: Option<usize>,
 }
 

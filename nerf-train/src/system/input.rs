@@ -14,12 +14,12 @@ use std::time::Duration;
 
 /// Size limit of a scene file, bytes: twice the size of the largest grid tables of the format (2^27 f16 values).
 pub const MAX_BLOB_BYTES: u64 = 512 << 20;
-/// Size limit of a JSON file, bytes: some 400,000 frames of a `transforms.json`.
+/// Size limit of a JSON file, bytes: enough for about 400,000 frames of a `transforms.json`.
 pub const MAX_JSON_BYTES: u64 = 256 << 20;
 pub const MAX_TOML_BYTES: u64 = 1 << 20;
 /// Size limit of an image file, bytes: more than 16,384² uncompressed pixels of three bytes.
 pub const MAX_PICTURE_BYTES: u64 = 1 << 30;
-/// Size limit of a checkpoint, bytes: more than the largest settings need.
+/// Size limit of a checkpoint, bytes: above the size of any checkpoint that this program writes.
 pub const MAX_CHECKPOINT_BYTES: u64 = 3 << 30;
 
 /// Longest wait for a byte from a pipe or device, the first byte included. After this time, reading fails.

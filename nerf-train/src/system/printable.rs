@@ -2,20 +2,20 @@
 //!
 //! Names of views and arrays, provenance, messages of decoders and of child processes are untrusted. A terminal obeys
 //! the control characters in them, which can move the cursor, retitle the window or type for the user. Bidirectional
-//! overrides make a name read as another. Each output of this program escapes such text once, where it is written:
+//! overrides make a name look like another. Each output of this program escapes such text once, where it is written:
 //!
 //! | output | where | with |
 //! | --- | --- | --- |
 //! | a line of results, of progress, of an error | `cli::common::print_lines`, `tell`, `system::progress` | [`line()`] |
 //! | lines of results, such as a table | `cli::common::print`, `system::progress::say_lines` | [`lines`] |
-//! | names in such lines | `data::report::Report` | [`line()`] |
+//! | names in lines of results | `data::report::Report` | [`line()`] |
 //! | tables: CSV, Markdown, terminal | `show::table::Table` | [`lines`] |
 //! | prose of Markdown reports | `show::reports` | [`markdown`] |
 //! | pages and SVG plots | `show::cameras::page`, `show::plot` | [`line()`], [`lines`] |
 //! | text drawn into images | `show::text` | [`line()`] |
-//! | JSON | `system::summary`, `system::progress`, `lab::sweep::folder`, `show` | [`json`], the same values when read back |
+//! | JSON | `system::summary`, `system::progress`, `lab::sweep::folder`, `show` | [`json`] |
 //!
-//! Scene files, data sets and errors themselves keep the text as it is.
+//! A JSON parser reads the original text back. Scene files, data sets and errors themselves keep the text as it is.
 
 use std::borrow::Cow;
 use std::fmt::Write;

@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 
 /// Time between two lines of progress, in plain text or JSON.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Position of the bar at the end of the work. The bar counts fractions of the work: a time budget has no step count.
+/// Length of the bar: its position at the end of the work. A position is a fraction of the work, because a time budget
+/// has no number of steps.
 const BAR_LENGTH: u64 = 10_000;
 /// Time that must elapse before the remaining time is estimated.
 const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
@@ -202,7 +203,8 @@ impl Progress {
         }
     }
 
-    /// Returns the fraction of the work that is done, 0 to 1, by steps or time, whichever is larger; `None` if unknown.
+    /// Returns the fraction of the work that is done, 0 to 1; `None` if unknown. If the work ends by steps or by time,
+    /// returns the larger of the two fractions.
     fn share(&self, position: u64, elapsed: Duration) -> Option<f64> {
         let steps = |total: u64| if total == 0 { 1.0 } else { position as f64 / total as f64 };
         let time = |budget: Duration| {
@@ -326,7 +328,7 @@ fn new_bar() -> ProgressBar {
     }
 }
 
-/// Prints a line that belongs to no task to stderr, in the format of `style`; prints nothing in quiet mode.
+/// Prints to stderr a line that belongs to no task, in the format of `style`. Prints nothing in quiet mode.
 pub fn say(style: ProgressStyle, line: &str) {
     match style {
         ProgressStyle::Json => say_lines(style, line),

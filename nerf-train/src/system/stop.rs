@@ -25,7 +25,8 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-/// Time limit, counted from the drop of a [`Claim`], for the claim's owner to report what it saved and to exit.
+/// Time that a loop has, after a signal, to report what it saved and to end the process. The time counts from the
+/// moment at which the loop drops its [`Claim`].
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// Time limit for the task of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
@@ -111,8 +112,8 @@ impl Drop for Claim {
 /// Contents of a [`Note`]: message to print on a signal if no work is claimed, and task to run before printing.
 struct Words {
     message: String,
-    /// Name and function of a task. The task runs before the message is printed; its name and result are appended to
-    /// the message.
+    /// Name and function of a task that runs before `message` is printed. Its name and result are appended to
+    /// `message`.
     last: Option<(&'static str, LastWork)>,
 }
 
@@ -171,7 +172,8 @@ fn noted() -> String {
     format!("{message}; {what} {end}")
 }
 
-/// Writes the files of a cover. Returns the message to print: that of the cover or, if a file failed, the first error.
+/// Writes the files of a cover, and returns the message to print: the message of the cover. If a file cannot be
+/// written, the message is the first error.
 fn saved(cover: &Cover) -> String {
     // All files are tried, even if one cannot be written.
     let written: Vec<_> = cover.files.iter().map(|(path, bytes)| write_atomic(path, bytes)).collect();
@@ -181,8 +183,9 @@ fn saved(cover: &Cover) -> String {
     }
 }
 
-/// Handles a signal: waits until claimed work is saved, or writes the files of a [`Cover`]; then prints the message and
-/// exits with status `128 + signal`. Holds the lock on the state, so that the owner does not write the same files.
+/// Handles a signal, then exits with status `128 + signal`. Waits until claimed work is saved, or writes the files of a
+/// [`Cover`]; then prints the message. Keeps `STATE` locked, so that the loop that owns the [`Claim`] does not write
+/// the same files.
 fn end(signal: i32, say: fn(&str)) -> ! {
     SIGNAL.store(signal, Ordering::Relaxed);
     let claimed = |state: &mut State| matches!(state, State::Claimed);

@@ -28,7 +28,8 @@ impl Average {
         Self { decay: decay.powi(every as i32), every, updates: 0, values }
     }
 
-    /// Whether this average, from a checkpoint of step `steps`, is finite and fits the run's own average `other`.
+    /// Whether this average, read from a checkpoint, can belong to the run: finite, with the decay, interval and number
+    /// of values of the run's own average `other`, and with the number of updates due after `steps` steps.
     pub(super) fn is_like(&self, other: &Self, steps: u32) -> bool {
         let finite = self.values.iter().all(|value| value.is_finite());
         let shape = |average: &Self| (average.decay, average.every, average.values.len());

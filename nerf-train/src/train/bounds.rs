@@ -23,8 +23,9 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Returns the length of a step of the ray march, world units. In a bounded scene, `1 / steps_across` of the
-    /// longest side of the scene box; in an unbounded scene, of the diameter of the uncontracted ball.
+    /// Returns the length of a step of the ray march, world units: a length of the scene, divided by `steps_across`. In
+    /// a bounded scene, this length is the longest side of the scene box; in an unbounded scene, the diameter of the
+    /// uncontracted ball.
     pub fn step(&self, steps_across: u16) -> f32 {
         let across = match self.contraction {
             Some(contraction) => 2.0 * contraction.radius(),

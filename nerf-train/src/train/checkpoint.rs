@@ -133,9 +133,9 @@ impl Checkpoint {
         }
     }
 
-    /// Returns the name of the first part that contradicts the rest of the checkpoint or the run; `None` if all parts
-    /// fit. A valid checksum does not prove that this program wrote the file. `average`: averaged parameters of the
-    /// resuming run.
+    /// Returns the name of the first part that contradicts another part of the checkpoint, or the resuming run; `None`
+    /// if all parts fit. Parts are checked because a valid checksum does not prove that this program wrote the file.
+    /// `average`: averaged parameters of the resuming run.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -157,8 +157,9 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Returns the settings that must not change when a run is resumed, as JSON, since TOML has no u64 for the seed. Values
-/// that may change are set to 1: the number of steps and, with a learned grid, the number of samples per ray.
+/// Returns the settings that must not change when a run is resumed. They are JSON because TOML cannot store the seed, a
+/// u64. Settings that may change are set to 1: the number of steps and, with a learned grid, the number of samples per
+/// ray.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();
@@ -182,8 +183,8 @@ pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, S
     }
 }
 
-/// Returns the checksum of the data that determine a run: training photographs with masks and key points, near, far,
-/// background, sparse points, and the cameras of all splits, from which the scene box is found.
+/// Returns the checksum of the data that determine a run: training photographs with masks and key points, near and far
+/// plane, background, sparse points, and the cameras of all splits. The scene box is found from all these cameras.
 pub fn fingerprint(data: &Dataset) -> u64 {
     const CRC: crc::Crc<u64> = crc::Crc::<u64>::new(&crc::CRC_64_XZ);
     let mut digest = CRC.digest();

@@ -21,7 +21,8 @@ pub struct Gains {
     moment2: Vec<[f32; 3]>,
     steps: u32,
     on_trial: bool,
-    /// Whether gains are kept even if they hardly differ: at the user's wish, or if photographs contradict each other.
+    /// Whether gains are kept even if they hardly differ. True if the user asks for gains, or if the photographs
+    /// contradict each other.
     own: bool,
 }
 
@@ -33,7 +34,7 @@ pub struct ExposureFound {
     pub by_tracks: bool,
     /// Whether the run continues with a learned gain for each photograph; otherwise with one exposure for all.
     pub fitted: bool,
-    /// Index and log gain of the photograph with the strongest gain; `None` if this gain is below a factor of 2.
+    /// Index and log gain of the photograph with the largest |log gain|; `None` if |log gain| is below ln 2.
     pub outlier: Option<(u32, f32)>,
 }
 

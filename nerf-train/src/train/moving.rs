@@ -34,9 +34,9 @@ const KNOWN: f32 = 8.0;
 /// Error above which a patch belongs to a region: the larger of two limits. First number: multiple of the median error
 /// of all patches. Second number: root-mean-square error over the channels, for colours of 0 to 1.
 const OFF: (f32, f32) = (3.0, 0.03);
-/// Limits of a masked region: its least mean error, and the least product of mean error and fraction of the photograph.
-/// Static scenes have means up to 0.116 and products up to 0.0084. Single-coloured figures in front of them have means
-/// of 0.13 to 0.3 and products of at least 0.015.
+/// Limits of a masked region. First number: least mean error. Second number: least product of the mean error and the
+/// region's fraction of the photograph's area. Regions of static scenes have means up to 0.116 and products up to
+/// 0.0084. Single-coloured figures in front of these scenes have means of 0.13 to 0.3 and products of at least 0.015.
 const FAR_OFF: (f32, f32) = (0.125, 0.01);
 /// Number of nearest cameras. A region is compared with the photographs of these cameras.
 const NEIGHBOURS: usize = 2;
@@ -78,7 +78,7 @@ impl Tiles {
         self.first + y as usize * self.columns + x as usize
     }
 
-    /// Returns the indices of `patch` and its up to eight neighbours, counted row by row within the photograph, from 0.
+    /// Returns the indices of `patch` and of its up to eight neighbours. Indices are row-major within the photograph.
     fn around(&self, patch: usize) -> impl Iterator<Item = usize> + use<> {
         let near = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
         let columns = self.columns;
@@ -109,7 +109,8 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// Masks the moved object's pixels in `view`, so that scores ignore them. If no pixel would be left, masks nothing.
+    /// Masks the moved object's pixels in `view`, so that scores ignore them. Masks nothing if no unmasked pixel would
+    /// remain.
     pub fn leave_out_of(&self, view: &mut View) {
         let counts: Vec<bool> =
             self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
@@ -221,9 +222,9 @@ impl Moving {
         self.sums.fill([0.0; 4]);
     }
 
-    /// Returns each patch's error; `None` with fewer than `KNOWN` rays in the patch's 3 × 3 neighbourhood. The mean
-    /// signed error of these rays is computed per channel, and the photograph's median of these means is subtracted.
-    /// The patch's error is the root mean square of the three differences.
+    /// Returns each patch's error; `None` with fewer than `KNOWN` rays in the patch's 3 × 3 neighbourhood. For each
+    /// channel, the mean signed error of these rays is computed, and the median of this mean over the photograph's
+    /// patches is subtracted. The patch's error is the root mean square of the three differences.
     fn errors(&self, tiles: &Tiles) -> Vec<Option<f32>> {
         let sums = &self.sums[tiles.range()];
         let mean = |patch: usize| {

@@ -30,18 +30,19 @@ const RATES: [f32; 2] = [0.3, 0.01];
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
 /// Least motion of the image in the first [`TRIAL`] steps with which the refinement goes on: median over the
-/// photographs, in focal lengths. If the motion is smaller, the given poses are kept. Correct poses move by 0.002 to
-/// 0.006, and refining them costs 0.1 to 0.4 dB of PSNR. Poses that are wrong by half a degree to one degree move by
-/// 0.013.
+/// photographs, in focal lengths. If the motion is smaller, the given poses are kept. Refining correct poses moves the
+/// image by 0.002 to 0.006, and costs 0.1 to 0.4 dB of PSNR. Refining poses that are wrong by half a degree to one
+/// degree moves the image by 0.013.
 const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
 
 /// Length by which [`hold`] divides translations to compare them with rotations, as a fraction of the cameras' mean
-/// distance from the scene's centre. Simulated on the cameras of the scene fox, with rotations wrong by half a degree
-/// to one degree and translations by 1 % of the distance: the common motion that remains after `hold` moves the image
-/// by 0.66 pixels with a fraction of 0.5, by 0.74 with 1, and by 0.82 if only rotations count. A length proportional
-/// to the cameras' distance from their own centre is unstable if cameras are close together.
+/// distance from the scene's centre, which counts as at least 0.1 contraction radii. The fraction was chosen in a
+/// simulation with the cameras of the scene fox. Rotations were wrong by half a degree to one degree, translations by 1
+/// % of the distance. The common motion that remained after `hold` moved the image by 0.66 pixels for a fraction of
+/// 0.5, and by 0.74 pixels for 1. With a fit to rotations only, it moved the image by 0.82 pixels. A length
+/// proportional to the cameras' distance from their own centre is unstable if cameras are close together.
 const LEVER: f32 = 0.5;
 
 /// Motion of a camera in the axes of the world: rotation vector, radians, then translation, world units.
@@ -51,7 +52,8 @@ type Twist = [f32; 6];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections of the cameras that cast the next rays. The last move may be missing: rays are cast one step early.
+    /// Corrections of the cameras that cast the next rays. The corrections may lack the last move, because the rays of
+    /// a step are cast during the step before.
     cast: Vec<Twist>,
     /// For each camera, the sum of the loss gradients with respect to its pose since the last move.
     sums: Vec<Twist>,
@@ -63,8 +65,8 @@ pub struct Poses {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PosesFound {
-    /// Median reprojection error of the sparse points, pixels, if `by_tracks`. Otherwise, image motion, pixels, that
-    /// refining the poses caused in the first steps: median over the photographs.
+    /// If `by_tracks`: median reprojection error of the sparse points, pixels. Otherwise: image motion caused by
+    /// refining the poses in the first steps, pixels; median over the photographs.
     pub pixels: f64,
     /// Whether `pixels` is the reprojection error of sparse points.
     pub by_tracks: bool,
@@ -85,9 +87,9 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine; `None` if the given poses are kept. Also returns the finding that the sparse points
-    /// confirm the given poses; otherwise `None`. `sights`: whether the photographs have lines of sight to sparse
-    /// points.
+    /// Returns the poses to refine, and a finding. The poses are `None` if the given poses are kept. The finding states
+    /// that the sparse points confirm the given poses; otherwise it is `None`. `sights`: whether the photographs have
+    /// lines of sight to sparse points.
     pub fn of(
         dataset: &Dataset,
         sights: bool,

@@ -54,13 +54,13 @@ impl Clock {
         Self { before, ..self }
     }
 
-    /// Returns this clock without `spent`, a time of this command that does not count as used.
+    /// Returns this clock without the time `spent`: a part of this command's time that is not charged to the run.
     #[must_use]
     pub fn without(self, spent: Duration) -> Self {
         Self { start: self.start + spent, ..self }
     }
 
-    /// Returns the seconds used, including the seconds of earlier commands.
+    /// Returns the seconds that the run has taken so far, including the seconds of earlier commands.
     pub fn seconds(&self) -> f64 {
         self.before.saturating_add(self.start.elapsed()).as_secs_f64()
     }
@@ -111,8 +111,9 @@ impl Budget {
         )
     }
 
-    /// Returns the used fraction of the budget, 0 to 1: of steps or of time, whichever is larger. The time excludes the
-    /// last `reserve` seconds of the limit, kept for the work after the last step.
+    /// Returns the used fraction of the budget, 0 to 1: the fraction of steps or the fraction of time, whichever is
+    /// larger. The fraction of time is `seconds` divided by the time for training: the limit in seconds minus
+    /// `reserve`, the seconds for the work after the last step.
     pub fn share(&self, step: u32, seconds: f64, reserve: f64) -> f64 {
         let of_steps = self.steps.map_or(0.0, |steps| f64::from(step) / f64::from(steps));
         let of_time = self.seconds.map_or(0.0, |limit| seconds / (limit - reserve).max(1e-3));

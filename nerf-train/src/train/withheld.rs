@@ -1,12 +1,12 @@
-//! Photographs withheld from training in a run's first steps. The weight decay is set from the PSNR gap between these
-//! and the other photographs.
+//! Photographs withheld from training in a run's first steps. The weight decay is set from the PSNR gap between the
+//! withheld photographs and the others.
 
 use crate::data::View;
 use crate::model::config::{Config, OptimiserConfig, Withholding};
 use crate::model::engine::Batch;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps at the start of a run in which photographs are withheld.
+/// Number of steps during which photographs are withheld, from the start of a run on.
 const TRIAL: u32 = 1_500;
 /// First step whose colour errors are summed to find the PSNR of the photographs.
 const SUMMED_FROM: u32 = 1_000;
@@ -80,7 +80,8 @@ impl Withheld {
         fits.then(|| Self { sums: vec![[0.0; 5]; views.len()] })
     }
 
-    /// Whether withholding ends without a finding after the used fraction `share` of the budget.
+    /// Whether it is too late for a finding, so that withholding ends without one. `share`: used fraction of the
+    /// budget.
     pub fn is_given_up(share: f64) -> bool {
         share > GIVEN_UP_AT
     }

@@ -185,8 +185,7 @@ Written by `NERF_BLESS=numerics cargo test --release -p nerf-tests --test numeri
 `NERF_BLESS` checks it. Elementary functions take every 1,009th f32 of their domain, or with `NERF_EXHAUSTIVE=1` every
 one; a page that has those of every one keeps them until their cases or bounds change, and whoever changes the
 functions themselves runs it again. Laws are checked on inputs that proptest draws, the same in every run, behind those
-that once broke them; `PROPTEST_CASES` asks for more. The last section says where each hard case of the
-list this system was tested against is.
+that once broke them; `PROPTEST_CASES` asks for more.
 ";
 
 /// Returns the path of the page in the repository.

@@ -33,9 +33,9 @@ impl Lens {
     /// Finds the unit direction (right, down, forward) that is seen at the normalised image point `(xd, yd)`.
     ///
     /// Newton's method inside a bracket finds the smallest angle to the axis that has the image distance
-    /// ([`Self::angle_seen`]) of `(xd, yd)`. `None` if no f32 angle up to π has this image distance within 1e-6
-    /// (relative if the distance is above 1), or if the lens folds at a smaller image distance. Beyond a fold, the
-    /// image distance no longer grows with the angle.
+    /// ([`Self::angle_seen`]) of `(xd, yd)`. `None` if no f32 angle up to π has this image distance within 1e-6. For an
+    /// image distance above 1, the tolerance is 1e-6 times the image distance. `None` also if the lens folds at a
+    /// smaller image distance. Beyond a fold, the image distance no longer grows with the angle.
     pub(super) fn fisheye_direction(&self, xd: f32, yd: f32) -> Option<Vec3> {
         let seen = Vec2::new(xd, yd).length();
         if seen == 0.0 {
@@ -95,8 +95,8 @@ impl Lens {
         None
     }
 
-    /// Returns the angle between `low` and `high`, radians, at which the lens folds, found by bisection. The caller
-    /// ensures that the slope from [`Self::angle_seen`] is above [`FOLD`] at `low`, but not at `high`.
+    /// Finds the angle between `low` and `high`, radians, at which the lens folds, by bisection. The caller ensures
+    /// that the derivative of the image distance ([`Self::angle_seen`]) is above [`FOLD`] at `low`, but not at `high`.
     fn last_rising(&self, mut low: f32, mut high: f32) -> f32 {
         for _ in 0..24 {
             let middle = 0.5 * (low + high);

@@ -20,11 +20,11 @@ mod tests;
 /// `x' = x radial + 2 p1 x y + p2 (r² + 2x²)` and `y' = y radial + p1 (r² + 2y²) + 2 p2 x y`.
 ///
 /// [`Projection::Fisheye`]: a direction `θ` radians off the axis is seen at distance `θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ +
-/// k4 θ⁸)` from the principal point, on the side to which the direction points. `k5 k6 p1 p2` must be 0.
+/// k4 θ⁸)` from the principal point. The lens does not change the azimuth. `k5 k6 p1 p2` must be 0.
 ///
 /// # Source
-/// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP. Coefficients in COLMAP's camera models: `k1 k2 p1 p2`
-/// in OPENCV, all eight in FULL_OPENCV, and `k1 k2 k3 k4` of a fisheye in OPENCV_FISHEYE.
+/// Brown 1966 and Kannala, Brandt 2006, as in OpenCV and COLMAP. COLMAP's camera model OPENCV has the perspective
+/// coefficients `k1 k2 p1 p2`, FULL_OPENCV has all eight, and OPENCV_FISHEYE has the fisheye's `k1 k2 k3 k4`.
 #[derive(Clone, Copy, Default, PartialEq)]
 #[allow(missing_docs, reason = "the formulas say what each coefficient is")]
 pub struct Lens {

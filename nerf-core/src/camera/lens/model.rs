@@ -8,8 +8,8 @@ use glam::{Vec2, Vec3};
 /// the determinant of the distortion's Jacobian, is at most `FOLD`. Past a fold, one image point shows two directions.
 pub(super) const FOLD: f32 = 1e-3;
 /// Threshold for minima of the distortion's slope along a line from the axis. The lens counts as folded if the slope
-/// has a minimum of at most `TURN`, even if the minimum is above [`FOLD`]. A step of Newton's method may jump across a
-/// low minimum (measured: minima up to 0.01).
+/// has a minimum of at most `TURN`, even if the minimum is above [`FOLD`]. The reason: a step of Newton's method may
+/// jump across a low minimum. Measurements found such jumps for minima of up to 0.01.
 const TURN: f32 = 2e-2;
 
 impl Lens {
@@ -53,11 +53,13 @@ impl Lens {
     /// two directions, so that the model has no inverse.
     ///
     /// # Domain
-    /// The seen points `(xd, yd)` around the axis up to the fold. If `k1 < 0` and all other coefficients are 0, these
-    /// points fill a circle of radius `2/3 / √(−3 k1)`, except for at most the outer hundredth of the radius. If
-    /// `k1, k2 >= 0` and all other coefficients are 0, there is no fold, and 20 steps suffice if the seen point is at
-    /// most 10 times as far from the axis as the ideal point. For other lenses success cannot be predicted:
-    /// [`Camera::new`](crate::camera::Camera::new) tries a grid of image points.
+    /// An inverse is found for the seen points `(xd, yd)` from the axis up to the fold:
+    /// - If `k1 < 0` and all other coefficients are 0, these points fill a circle of radius `2/3 / √(−3 k1)`. In at
+    ///   most the outer hundredth of this radius, no inverse is found.
+    /// - If `k1, k2 >= 0` and all other coefficients are 0, there is no fold. The 20 steps suffice if the seen point is
+    ///   at most 10 times as far from the axis as the ideal point.
+    /// - For other lenses success cannot be predicted: [`Camera::new`](crate::camera::Camera::new) tries a grid of
+    ///   image points.
     #[inline(never)]
     pub fn undistort(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         if *self == Self::NONE {
@@ -106,8 +108,9 @@ impl Lens {
 
     /// Finds the ideal (undistorted) point that is seen at `(xd, yd)`, by damped Newton steps: each step is halved
     /// until the step reduces the residual and does not pass a fold. Lenses with `k3 k4 k5 k6` need damping, since full
-    /// steps may diverge. `None` if no start before the fold is found, if 11 halvings of a step do not suffice, or
-    /// after 40 steps.
+    /// steps may diverge. The first step starts at `(xd, yd)`; if this point is past a fold, the start is moved towards
+    /// the axis. `None` if no start before the fold is found, if 11 halvings of a step do not suffice, or if 40 steps
+    /// do not suffice.
     fn undistort_damped(&self, xd: f32, yd: f32) -> Option<(f32, f32)> {
         let seen = Vec2::new(xd, yd);
         let residual = |p: Vec2| Vec2::from(self.distort(p.x, p.y)) - seen;
@@ -189,7 +192,8 @@ impl Lens {
     }
 
     /// Finds the direction (right, down, forward) seen at the normalised image coordinates `(xd, yd)`. `None` if
-    /// [`Lens::direction`] is `None` or if, with `from_axis`, the lens folds between the axis and the direction.
+    /// [`Lens::direction`] is `None`. If `from_axis` is true, also `None` if the lens folds between the axis and the
+    /// direction.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         let dir = self.direction(xd, yd)?;
         let folds = || match self.projection {
@@ -204,8 +208,8 @@ impl Lens {
     }
 
     /// Whether Newton's method may start at the seen point `(xd, yd)`: no fold lies between the axis and this point,
-    /// and the first step cannot jump across the axis. The caller ensures that the seen point is further from the axis
-    /// than the ideal point, which the method finds.
+    /// and the first step cannot jump across the axis. The caller ensures that the ideal point (the method's result) is
+    /// nearer to the axis than the seen point.
     fn starts_well(&self, xd: f32, yd: f32) -> bool {
         let (fx, fy) = self.distort(xd, yd);
         let (ex, ey) = (fx - xd, fy - yd);
@@ -217,8 +221,8 @@ impl Lens {
 
     /// Whether the distortion folds between the axis and the ideal point `(x, y)`.
     ///
-    /// Newton's method may return an ideal point beyond a fold if the method starts beyond the fold. This point is
-    /// wrong: at the image point, a real lens shows the direction before the fold.
+    /// If Newton's method starts beyond a fold, the method may return an ideal point beyond the fold. This ideal point
+    /// is wrong: at the same image point, a real lens shows another ideal point, which lies before the fold.
     fn folds_before(&self, x: f32, y: f32) -> bool {
         let r2 = x * x + y * y;
         if self.is_rational() {

@@ -5,7 +5,10 @@
 //! | [`Jitter`] | `jitter` | a hash for each bin that is tested for occupancy |
 //! | anti-aliasing | `anti-aliasing` | several rays per pixel, and memory for the sums of a tile's pixels |
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations per ray |
-//! | [`Tone`] | `tone-map` | 3 powers `x^p` per ray and 3 per pixel; with linear output, 3 per ray and 3 per coloured sample |
+//! | [`Tone`] | `tone-map` | powers `x^p`, for conversion between sRGB and linear light |
+//!
+//! [`Tone`] computes 3 powers `x^p` per ray and 3 powers per pixel. With linear output, it computes 3 powers per ray
+//! and 3 powers per coloured sample.
 //!
 //! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame in
 //! [`crate::render`], except [`Jitter`], which is in [`crate::sampling`]. In a build without an effect's feature, a
@@ -27,7 +30,7 @@ pub struct Effects {
     pub anti_aliasing: u16,
     /// A thin lens with an aperture; `None` for a pinhole, which is sharp at all distances.
     pub depth_of_field: Option<ThinLens>,
-    /// Exposure, tone curve, linear output.
+    /// Exposure, choice of tone curve, and choice of linear colours in place of display-encoded ones.
     pub tone: Tone,
 }
 
@@ -69,10 +72,11 @@ pub struct Tone {
     pub exposure: f32,
     /// Tone curve, which maps light above 1 into the displayable range.
     pub map: ToneMap,
-    /// Whether the output is linear light, unbounded above, in place of sRGB in `[0, 1]`. If so, the background and the
-    /// colours of samples are decoded from sRGB to linear light before compositing. With
-    /// [`Shading::PerRay`](crate::network::Shading), samples have no colours: each ray's shaded colour is decoded
-    /// before the background is added.
+    /// Whether the output is linear light, unbounded above (`true`), or sRGB in `[0, 1]` (`false`).
+    ///
+    /// For linear output, the background and the colours of samples are decoded from sRGB to linear light before
+    /// compositing. With [`Shading::PerRay`](crate::network::Shading), samples have no colours: each ray's shaded
+    /// colour is decoded before the background is added.
     pub linear: bool,
 }
 

@@ -30,8 +30,8 @@ const WALL: f32 = 1e30;
 #[derive(Clone, Copy, Default)]
 struct Part {
     known: Known,
-    /// Distance of the bin's sample from the origin of [`Span::ray`], in the field's units. In an unbounded scene, the
-    /// argument `s` of [`Contraction::distance`](crate::space::Contraction::distance).
+    /// Distance of the bin's sample from the origin of [`Span::ray`], in the field's units. In an unbounded scene, `t`
+    /// is instead the argument `s` of [`Contraction::distance`](crate::space::Contraction::distance).
     t: f32,
     /// Start of the bin, world units from the ray's start.
     from: f32,
@@ -54,9 +54,9 @@ enum Known {
     /// No value: the ray meets no further occupied bin of the field.
     #[default]
     Nothing,
-    /// The interval of the bin is known, but its sample has not been evaluated.
+    /// The ends of the bin are known. The network has not been evaluated for the bin's sample.
     Place,
-    /// The sample of the bin has been evaluated.
+    /// The ends of the bin are known, and the network has been evaluated for the bin's sample.
     Sample,
 }
 
@@ -289,8 +289,8 @@ impl<'f, 'w> Merge<'f, 'w> {
     }
 
     /// Evaluates field `member` at the `n` samples in `self.density`, one per ray. Stores the results in `parts`. Skips
-    /// the colour and normal of a sample that has no density or whose weight cannot exceed the colour cut. `COLLIDE`:
-    /// the cut is ignored.
+    /// the colour and normal of a sample that has no density, and of a sample whose weight cannot exceed the colour
+    /// cut. `COLLIDE`: whether rays end at random collisions; the colour cut is then ignored.
     fn ask<const COLLIDE: bool>(&mut self, member: usize, n: usize, counters: &mut Counters) {
         let Some(it) = self.instances.get(member) else { return };
         let (field, first, density) = (it.field(), member * self.world.len(), &mut self.density);

@@ -100,8 +100,8 @@ pub(in crate::render) struct Packets<'c> {
     blocks: OccupancyGrid<'c>,
     /// Box around all occupied cells, enlarged by `reach` on every side.
     around: SceneBox,
-    /// Half the side, world units, of the cube covered by a lookup; the looked-up point is the cube's centre. If
-    /// the bit of the point's block is 0, all cells in the cube are empty.
+    /// Half the side, world units, of the cube that one lookup covers. The looked-up point is the centre of the cube.
+    /// If the bit of the point's block is 0, all cells in the cube are empty.
     reach: f32,
 }
 

@@ -287,7 +287,8 @@ impl<'w> ProposalSamples<'w> {
     /// row `from`, writes the samples' distances to row `to` and returns the number of samples. `jitter`: position of
     /// each sample within its stratum.
     ///
-    /// Requires `to <= from`. `to` is smaller if the caller has dropped earlier rays without samples in occupied cells.
+    /// Requires `to <= from`. `to` is smaller than `from` if the caller has removed earlier rays from the table, since
+    /// they have no samples in occupied cells.
     pub fn draw(&mut self, coarse: &Bins, from: usize, to: usize, jitter: SampleJitter) -> u32 {
         debug_assert!(to <= from, "expected a row at or before {from}, found {to}");
         let Some(&mut Rows { ref mut t, row, .. }) = self.0.first_mut() else { return 0 };

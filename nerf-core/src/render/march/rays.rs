@@ -37,7 +37,8 @@ pub(in crate::render) struct Rays<'f, 'w> {
     pub hits: usize,
     pub active: ActiveRays<'w>,
     pub samples: ProposalSamples<'w>,
-    /// Index of the current ray among the rays of its pixel; equal for all pixels of the tile.
+    /// Index, within its pixel, of the ray that is currently rendered. The pixels of a tile all have the same current
+    /// index.
     pub turn: u32,
 }
 
@@ -212,8 +213,9 @@ impl<'f, 'w> Rays<'f, 'w> {
     /// sample's column, ray index and position along the ray ([`ProposalSamples::take`]) to `put`.
     ///
     /// Usually each ray contributes one sample. If fewer rays are active than a vector has lanes, each ray contributes
-    /// several. If samples cannot end a ray (no transmittance cut, and not `COLLIDE`: no collisions), each ray
-    /// contributes all its remaining samples, up to the room in the block.
+    /// several samples. Without a transmittance cut and without collisions, no sample can end a ray: each ray then
+    /// contributes all its remaining samples, up to the room in the block. `COLLIDE`: whether rays end at random
+    /// collisions.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {

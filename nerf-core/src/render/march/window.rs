@@ -39,9 +39,9 @@ pub(super) struct LookUp<'a> {
     pub bins: &'a Bins,
     /// The bins to look up. All other bins are treated as empty.
     pub candidates: &'a CandidateBins,
-    /// Whether all cells at the faces of the scene box are known to be empty. A bin outside the box is looked up in one
-    /// of these cells. If `inner` is `false`, a bin that is found occupied must therefore be tested against the box,
-    /// too.
+    /// Whether all cells at the faces of the scene box are known to be empty. The lookup of a bin outside the box reads
+    /// one of these cells. If `inner` is `true`, the bin is therefore found empty. If `inner` is `false`, a bin that is
+    /// found occupied must also be tested against the box.
     pub inner: bool,
 }
 

@@ -14,7 +14,8 @@ use glam::Vec3;
 pub(in crate::render) struct Pixels<'f, 'w> {
     pub plan: &'f Plan<'f>,
     sums: Sums<'w>,
-    /// Index of the current ray among the rays of its pixel; equal for all pixels of the tile.
+    /// Index, within its pixel, of the ray that is currently rendered. The pixels of a tile all have the same current
+    /// index.
     pub turn: u32,
     pub tile: Rect,
     /// Whether colour is composited over the plan's background (`true`) or over black (`false`).
@@ -40,8 +41,8 @@ impl<'f, 'w> Pixels<'f, 'w> {
         }
     }
 
-    /// Adds the result of `ray` to the ray's pixel. `hit`: median distances and normals of the tile's rays, with the
-    /// index of `ray` among these rays; `None` if the ray has no samples.
+    /// Adds the result of `ray` to the ray's pixel. `hit`: median distances and normals of all rays of the tile, and
+    /// the index of `ray` among these rays; `None` if the ray has no samples in occupied cells.
     #[inline(never)]
     pub fn finish<M: Math>(
         &mut self,

@@ -33,9 +33,9 @@ pub(in crate::render) trait RaySource {
     }
     /// Returns the nearest and the farthest visible distance along `ray`, the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Returns the distance, world units, for a pixel without a surface. The caller outputs this distance or the ray's
-    /// farthest visible distance, whichever is smaller. `x`: column of the pixel, from which [`OwnRays`] finds the
-    /// pixel's ray.
+    /// Returns the far distance of the pixel in column `x`, world units. If the pixel shows no surface, the caller
+    /// outputs this distance or the ray's farthest visible distance, whichever is smaller. [`OwnRays`] finds the
+    /// pixel's ray by the column.
     fn far(&self, x: u32) -> f32;
     /// Returns the optical thickness at which the photon of column `x`'s ray collides; infinity without collisions.
     fn until(&self, _x: u32) -> f32 {
@@ -92,7 +92,8 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
 /// Source of rays that the caller gives. The tile is one row of pixels; the pixel in column `x` has the caller's ray of
 /// index `before + x`.
 pub(in crate::render) struct OwnRays<'a, R, U, F> {
-    /// Index of the caller's ray in column 0, a multiple of 2^31: columns start again at 0 after 2^31 rays.
+    /// Index of the caller's ray in column 0: the largest multiple of 2^31 that is not above the index of the tile's
+    /// first ray. Columns start again at 0 after every 2^31 rays, so that no column overflows.
     pub before: usize,
     pub ray: &'a R,
     pub placed: Placed,

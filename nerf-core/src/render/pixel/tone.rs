@@ -1,8 +1,9 @@
 //! Conversion of display-encoded colour to linear light and back. Exposure and tone curve are applied in linear light.
 //!
-//! For linear output, the background and the colours of samples (with deferred shading: of rays) are decoded before
-//! they are composited. If the output is not linear, display-encoded colours are composited, as in training, and the
-//! colour of each ray is then decoded. With [`Tone::NONE`], no colour is converted.
+//! For linear output, the background and the colours of samples are decoded before they are composited. With deferred
+//! shading, the colours of rays are decoded instead of the colours of samples. If the output is not linear,
+//! display-encoded colours are composited, as in training, and the colour of each ray is then decoded. With
+//! [`Tone::NONE`], no colour is converted.
 
 use crate::math::{Math, MathBackend, with_math};
 use crate::plan::{Tone, ToneMap};

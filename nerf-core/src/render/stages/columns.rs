@@ -18,8 +18,9 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Columns`] without `sums`, whose number of rows depends on the network. Each row has one value
-/// per ray. Terms of the sum: origin, direction, position, interval, least distance, bin cuts, compositing state.
+/// Number of rows of [`Columns`], not counting `sums`: the number of rows of `sums` depends on the network. Each row
+/// has one value per ray. The terms below are, in order: origin, direction, position, interval, least distance, bin
+/// cuts, compositing state.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
 /// Whether each sample lies in the middle of its bin and bins are in world units. A bin's index then determines the
@@ -102,7 +103,8 @@ struct Columns<'a> {
     intervals: &'a mut [Row; 2],
     /// Least distance of a sample on each ray, world units ([`Plan::least_distance`]). Used in unbounded scenes only.
     near: &'a mut Row,
-    /// Cuts of each ray's first and last bin, in the unit of the bins: one row for each value of [`Ends::parts`].
+    /// Limits at which each ray cuts its first and last bin, in the unit of the bins: one row per value of
+    /// [`Ends::parts`].
     ends: &'a mut [Row; Ends::PARTS],
     /// Compositing state of each ray, without colour: transmittance, and sums over the samples composited so far.
     gathered: &'a mut side_by_side::Rows,
@@ -183,8 +185,9 @@ impl<'a> Columns<'a> {
     }
 
     /// Marches the ray of each of the first `n` columns to its next sample in an occupied cell. If a ray ends, the next
-    /// active ray takes the column. If no ray is active, the last column is moved into the free column, so that the
-    /// columns in use are always the first ones. Returns the number of columns in use; each of these has a sample.
+    /// ray without a column takes the ended ray's column. If all rays have had a column, the last column in use is
+    /// moved there, so that the columns in use are always the first ones. Returns the number of columns in use; each of
+    /// these has a sample.
     fn advance(&mut self, rays: &mut Rays<'_, '_>, deferred: &mut Deferred<'_>, mut n: usize) -> usize {
         let (mut waiting, mut waits) = ([0; BLOCK], 0);
         let (mut marching, mut marches) = ([0; BLOCK], 0);

@@ -18,9 +18,9 @@ const ROWS: usize = 4;
 
 /// Stage that composites a block of samples and picks the samples whose colour or normal is evaluated.
 pub(in crate::render) struct Compositing<'w> {
-    /// Four rows, `[4][samples]`: optical thickness in front of each sample, distance, opacity, and transmittance
-    /// behind each sample. The last two rows first hold optical thicknesses, which [`Absorb`] replaces. Empty in builds
-    /// without vector instructions.
+    /// Four rows, `[4][samples]`: optical thickness in front of each sample, distance of each sample, opacity of each
+    /// sample, and transmittance behind each sample. The rows of opacity and transmittance first hold optical
+    /// thicknesses, which [`Absorb`] converts. `rows` is empty in builds without vector instructions.
     rows: &'w mut [f32],
     /// Indices of the block's columns whose colour or normal is evaluated, ascending: `[samples]`. Empty if neither
     /// colour nor normals are requested.
@@ -159,8 +159,8 @@ impl<'w> Compositing<'w> {
     }
 }
 
-/// Vector loop that converts two rows in place: optical thicknesses in `alpha` to opacities ([`alpha`]), and sums of
-/// optical thickness in `light` to transmittances ([`light`]).
+/// Vector loop that converts two rows in place. Row `alpha`: optical thickness of each sample, converted to opacity.
+/// Row `light`: optical thickness from the ray's start to behind each sample, converted to transmittance.
 struct Absorb<'a, M> {
     alpha: &'a mut [f32],
     light: &'a mut [f32],

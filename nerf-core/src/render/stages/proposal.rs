@@ -20,9 +20,10 @@ use crate::volume::Accumulator;
 #[cfg(all(test, feature = "proposal"))]
 mod tests;
 
-/// Transmittance below which a ray's march through the proposal's bins ends. The bins behind that point would get less
-/// than a thousandth of the drawn samples. [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut) has
-/// no effect here, so that a change of that setting does not move samples.
+/// Transmittance below which a ray's march through the proposal's bins ends. The bins behind the end of the march would
+/// get less than a thousandth of the drawn samples.
+/// [`Quality::transmittance_cut`](crate::plan::Quality::transmittance_cut) has no effect here, so that a change of that
+/// setting does not move samples.
 const LEAST_TRANSMITTANCE: f32 = 1e-3;
 
 /// Proposal network of a scene; empty if the scene has none, or in a build without the feature `proposal`.

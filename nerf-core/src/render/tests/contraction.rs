@@ -323,8 +323,9 @@ fn plane(radii: f64, tilt: [f32; 2], power: u8) -> (Vec<u8>, Vec<f32>, SceneFact
     (bytes(&Body { content: Content::Scene(facts.clone()), ..body(a, None, &weights) }), all, facts)
 }
 
-/// The output distances of a plane, seen from the centre, lie in the bin that contains the plane. The plane's normal
-/// has the direction of the density gradient. Distances and normal are in world space.
+/// Renders a scene that is opaque behind a flat surface, from the centre of the scene's ball. Each output distance lies
+/// in the bin that contains the surface, or because of rounding in a neighbouring bin. The output normal is opposite to
+/// the density gradient at the sample. Distances and normal are in world space.
 #[test]
 fn distances_and_normals_of_a_plane_are_the_world_s() {
     for (power, radii) in Contraction::POWERS.into_iter().flat_map(|p| [0.1, 1.0, 10.0, 1e3].map(|r| (p, r)))

@@ -21,8 +21,8 @@ const MISPLACED: (usize, usize) = (10, 2);
 const WIDE_GAP: f32 = 60.0;
 /// Maximum number of names, or ranges of names, in a list. Further photographs are only counted.
 const LISTED: usize = 6;
-/// Minimum number of photographs in each of two parts of the capture for which the only link between the parts is
-/// reported.
+/// Minimum size of the two parts of a capture that a single link connects, in photographs. The link is reported if both
+/// parts have at least this size.
 const HANGING: usize = 3;
 
 /// Reason why the photographs fall into groups: a folded reconstruction (two sides of the scene are superimposed),
@@ -124,8 +124,8 @@ impl<'v> Found<'v> {
         }
     }
 
-    /// Returns the contradicting pair with the most differing patches. A pair from two groups takes precedence. `None`
-    /// if no pair contradicts.
+    /// Returns, of the pairs of photographs that contradict each other, the pair with the largest fraction of differing
+    /// patches. A pair from two groups takes precedence. `None` if no two photographs contradict each other.
     pub fn worst_pair(&self) -> Option<[usize; 2]> {
         let group = |view: usize| self.groups.iter().position(|group| group.contains(&view));
         let bad = self.pairs.iter().filter(|pair| pair.contradicts());

@@ -1,18 +1,20 @@
-//! Groups of photographs whose poses are mutually consistent, found from pairs that agree or contradict each other.
+//! Groups of photographs whose poses are mutually consistent. They are found from pairs of photographs that agree with
+//! each other or contradict each other.
 
 use super::pairs::Pair;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Threshold on [`Pair::different`]. In clustering, a pair below it counts for merging its two photographs; a pair
-/// above it counts against merging them.
+/// Threshold on [`Pair::different`]. In clustering, a pair of photographs with a value below the threshold counts for
+/// merging the two; a pair with a value above it counts against merging.
 const UNDECIDED: f32 = 0.35;
 /// Divisor for small sets of photographs: a set is small if it has at most 1 / `FEW` of all photographs, or at most
 /// two.
 const FEW: usize = 10;
 /// Minimum number of contradicting pairs that make a photograph an outlier, or that keep two groups separate.
 const CERTAIN: usize = 3;
-/// Minimum fraction of contradicting pairs among all pairs at which more than [`few`] contradicting photographs form a
-/// group.
+/// Minimum number of contradicting pairs, as a fraction of all compared pairs, at which photographs of rejected
+/// clusters may form a last group. As a second condition, the rejected clusters must hold more than [`few`]
+/// photographs.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.
@@ -51,7 +53,8 @@ fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     label
 }
 
-/// Returns the numbers of agreeing and of contradicting pairs among the pairs that `which` accepts.
+/// Returns the number of pairs of photographs that agree, and the number of pairs that contradict each other. Only
+/// pairs whose two indices `which` accepts are counted.
 fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     let chosen = pairs.iter().filter(|pair| which(pair.views));
     chosen.fold((0, 0), |(good, bad), pair| {
@@ -61,8 +64,8 @@ fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
 
 /// Returns the labels of rejected clusters. Only small clusters ([`FEW`]) are rejected, in two passes. The first pass
 /// rejects clusters with more contradicting than agreeing pairs, one at a time, largest fraction of contradicting pairs
-/// first. Pairs of a rejected cluster no longer count in this pass. The second pass counts all pairs, and rejects
-/// clusters that have contradicting pairs but no agreeing pair.
+/// first. After each rejection, the pairs that contain a photograph of the rejected cluster are ignored. The second
+/// pass considers all pairs again, and rejects clusters that have contradicting pairs but no agreeing pair.
 fn rejected(label: &[usize], pairs: &[Pair]) -> BTreeSet<usize> {
     let mut size: BTreeMap<usize, usize> = BTreeMap::new();
     label.iter().for_each(|label| *size.entry(*label).or_default() += 1);
@@ -134,9 +137,10 @@ impl Groups {
     /// pair. A photograph in no pair joins the previous photograph's group. `contradict`: photographs of rejected
     /// clusters.
     ///
-    /// Many such photographs ([`FEW`], [`TORN`]) form a last group, together with the photographs of small groups
-    /// except the first group. Otherwise, each photograph of these two kinds becomes an outlier if it has at least
-    /// [`CERTAIN`] contradicting pairs, and joins the largest group if it has fewer.
+    /// Photographs of rejected clusters, and photographs of small groups other than the first group, are doubtful. If
+    /// there are many photographs of rejected clusters ([`FEW`], [`TORN`]), all doubtful photographs form a last group.
+    /// Otherwise, each doubtful photograph becomes an outlier if it is in at least [`CERTAIN`] contradicting pairs, and
+    /// joins the largest group if it is in fewer.
     fn named(
         mut group: Vec<Option<usize>>,
         groups: usize,

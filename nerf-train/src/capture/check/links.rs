@@ -28,8 +28,9 @@ struct Search<'l> {
 }
 
 impl Search<'_> {
-    /// Searches depth-first from `view`. Returns its low-link: the smallest `reached` of `view`, its descendants and
-    /// all photographs linked to one of these. The link from `view` to `parent` does not count.
+    /// Searches depth-first from `view`. Returns its low-link: the smallest `reached` of `view`, of its descendants in
+    /// the search tree, and of all photographs linked to `view` or to a descendant. The link from `view` to `parent` is
+    /// ignored.
     ///
     /// # Source
     /// Tarjan 1974, "A note on finding the bridges of a graph".

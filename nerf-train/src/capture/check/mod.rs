@@ -36,7 +36,7 @@ pub struct Diagnosis {
     pub contradicting: Vec<String>,
     pub compared_pairs: usize,
     pub contradicting_pairs: usize,
-    /// Two photographs whose poses cannot both be right; `None` if no pair contradicts.
+    /// Two photographs whose poses cannot both be right; `None` if no two photographs contradict each other.
     pub worst_pair: Option<[String; 2]>,
     /// Largest sector without photographs, degrees of azimuth; `None` if the photographs have no azimuths.
     pub unseen_sector_degrees: Option<Short>,

@@ -12,7 +12,7 @@ const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
 /// Minimum number of points of one photograph that a second camera must see alike ([`ALIKE`]) for the two to be
 /// compared.
 const ENOUGH_POINTS: usize = 30;
-/// Minimum number of compared patches for which a pair of photographs is used.
+/// Minimum number of compared patches of a pair of photographs. Pairs with fewer patches are left out of the check.
 const ENOUGH_PATCHES: usize = 15;
 /// Approximate maximum number of tests whether two cameras see a point alike. Above the maximum, only every N-th point
 /// of each photograph is tested.
@@ -100,7 +100,8 @@ impl Compared<'_> {
             .then(|| product / (texture * other_texture.max(f32::MIN_POSITIVE)))
     }
 
-    /// Returns the [correlations](Self::correlation) that exist for at most [`COMPARED_POINTS`] evenly chosen `points`.
+    /// Returns the [correlations](Self::correlation) at evenly chosen `points`, at most [`COMPARED_POINTS`]. Leaves out
+    /// points without a correlation.
     fn correlations(&self, other: &Self, points: &[Vec3]) -> Vec<f32> {
         let step = points.len().div_ceil(COMPARED_POINTS).max(1);
         points.iter().step_by(step).filter_map(|&point| self.correlation(other, point)).collect()

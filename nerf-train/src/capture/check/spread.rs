@@ -5,7 +5,7 @@ use crate::data::{LookAt, View};
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Smallest gap between azimuths that is reported even if it is not the largest gap, degrees.
+/// Size from which every gap between azimuths is reported, degrees. The largest gap is reported whatever its size.
 const GAP: f32 = 30.0;
 /// Elevation above or below the horizon beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
@@ -24,7 +24,8 @@ pub(super) struct Gap {
     pub between: [usize; 2],
 }
 
-/// Directions of the cameras as seen from the point that they look at; without a common point, viewing directions.
+/// Directions of the cameras, seen from the point that all cameras look at. If there is no such point, the viewing
+/// directions of the cameras instead.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Spread {
     /// Whether the cameras look at one point.

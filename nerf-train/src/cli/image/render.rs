@@ -35,7 +35,7 @@ pub struct Render {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_SIDE)))]
     height: Option<u32>,
     /// Implementation of exp, sin and other functions: polynomial (fast), libm (reference), micromath (small code),
-    /// recurrence (polynomial; sines of an encoding by angle doubling).
+    /// recurrence (as polynomial, but sines of an encoding by angle doubling).
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     math: MathBackend,
 }
@@ -53,13 +53,13 @@ impl Render {
             bail!("{}: expected a 2D field, found a scene: render it with `render`", self.file.display());
         };
         let size = self.size(facts);
+        let flag = if self.width.is_some() || self.height.is_none() { "--width" } else { "--height" };
         if size[0].max(size[1]) > MAX_SIDE {
-            let flag = if self.width.is_some() { "--width" } else { "--height" };
             bail!("{flag}: expected at most {MAX_SIDE} pixels a side, found {}x{}", size[0], size[1]);
         }
         let [width, height] = size.map(u64::from);
         let what = format!("{}: a picture of {width}x{height} pixels", self.file.display());
-        memory::check(what, width * height, BYTES_PER_PIXEL, "choose a smaller --width")?;
+        memory::check(what, width * height, BYTES_PER_PIXEL, &format!("choose a smaller {flag}"))?;
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, global.kernel())];
         let renderer = Renderer::new(blob, global.kernel(), &mut memory)?;
         let mut progress = Progress::new("render", Total::Steps(size[1].into()), global.style());
@@ -80,8 +80,8 @@ impl Render {
         global.finish(&summary)
     }
 
-    /// Returns width and height, pixels: from the flags, else the trained image's. One flag alone keeps the aspect
-    /// ratio.
+    /// Returns width and height, pixels, as set by the flags. Without flags, returns the size of the trained image. One
+    /// flag alone keeps the aspect ratio.
     fn size(&self, facts: PictureFacts) -> [u32; 2] {
         let along = |side: u32, of: u32, to: u32| {
             // Rounded, at least 1. The result fits u32, since `side` and `to` are below 2^16.

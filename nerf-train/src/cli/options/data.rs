@@ -30,8 +30,8 @@ pub struct DataOptions {
     /// for a trained scene, no limit].
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Far plane, world units along the ray; in training of an unbounded scene, distance from its centre [default: see
-    /// --near].
+    /// Far plane, world units along the ray; in training of an unbounded scene, distance from the scene's centre
+    /// [default: see --near].
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
     /// Layout of a folder: transforms (Blender, nerfstudio, instant-ngp), colmap or llff [default: the first that
@@ -42,8 +42,9 @@ pub struct DataOptions {
     /// Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics of a COLMAP reconstruction: shared (one set per physical camera, after a new bundle adjustment) or own
-    /// (each photograph's, as reconstructed; for a zoom lens) [default: shared; for a trained scene, as trained].
+    /// Intrinsics of a COLMAP reconstruction: shared (one set per device; one set per photograph is merged by a new
+    /// bundle adjustment) or own (all sets unchanged, for a zoom lens) [default: shared; for a trained scene, as
+    /// trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Allow transforms files to name images outside the data set's folder.

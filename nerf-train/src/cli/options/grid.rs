@@ -58,8 +58,9 @@ pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'stati
 }
 
 impl TableSettings {
-    /// Overrides the settings of `grid` by these flags. If `grid` is `None`, fails if one of these flags or `more` is
-    /// given. `more`: name of a given flag that needs a grid but is not in this struct. `preset`: name for the error.
+    /// Overrides the settings of `grid` by these flags. Fails if `grid` is `None` and a flag that needs a grid is
+    /// given. `more`: name of a given flag that needs a grid but is not in this struct. `preset`: preset to name in the
+    /// error.
     pub fn apply(
         &self,
         grid: Option<&mut TableConfig>,
@@ -103,9 +104,9 @@ impl TableSettings {
     }
 }
 
-/// Memory per feature of a grid's tables, bytes: 22 + 20 + 40. Training holds five f32 values (feature, gradient, two
-/// moments of Adam, average) and an f16 copy for export: 22. Writing a checkpoint also holds a copy of the five values
-/// (20), and two serialised copies of them (40).
+/// Memory per feature of a grid's tables, bytes. Training takes 22: five f32 values (feature, gradient, two moments of
+/// Adam, average) and an f16 copy for export. Writing a checkpoint takes 60 more: a copy of the five values (20), and
+/// two serialised copies of them (40).
 const BYTES_PER_VALUE: u64 = 82;
 
 /// Refuses tables that do not fit into memory.

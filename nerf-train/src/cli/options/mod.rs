@@ -53,7 +53,8 @@ pub struct ShardOption {
 }
 
 impl ShardOption {
-    /// Returns the part of the work: from `--shard`; else by the index of an array job, with a message; else all.
+    /// Returns the part of the work that `--shard` selects. Without `--shard`, the index of an array job selects the
+    /// part, and a message says so. Without an array job, returns the whole work.
     pub fn choose(&self, global: &Global) -> anyhow::Result<Shard> {
         if let Some(part) = self.shard {
             return Ok(part);
@@ -94,8 +95,8 @@ impl Conduct {
         inputs.writes("-o", &self.output).writes_folder("--report", self.report.as_deref())
     }
 
-    /// Checks the options, and that no path of `claims` and no checkpoint overwrites another file. Then creates the
-    /// folders of the outputs. Returns the path of the checkpoint; `None` if the output file is a device.
+    /// Checks the options. Checks that no output in `claims`, and no checkpoint, overwrites another file. Then creates
+    /// the folders of the outputs. Returns the path of the checkpoint; `None` if the output file is a device.
     pub fn check(&self, claims: Claims) -> anyhow::Result<Option<PathBuf>> {
         check_max_seconds(self.max_seconds)?;
         // An infinite interval is valid: no checkpoint is written during training.

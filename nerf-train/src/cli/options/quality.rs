@@ -19,7 +19,7 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Evaluate colour once per this sum of compositing weights: larger is faster, less exact; 0: at every sample.
+    /// Sum of compositing weights per evaluation of colour: larger is faster, less exact; 0: evaluate at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space: ignore the occupancy grid.
@@ -32,11 +32,11 @@ pub struct QualityOptions {
     #[arg(long, conflicts_with_all = ["no_occupancy", "transmittance_cut", "colour_cut"])]
     pub exact: bool,
     /// Implementation of exp, sin and other functions: polynomial (fast), libm (reference), micromath (small code),
-    /// recurrence (polynomial; sines of an encoding by angle doubling).
+    /// recurrence (as polynomial, but sines of an encoding by angle doubling).
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Without a learned grid, the part of a ray to sample: own (the scene's near to far, as in training) or whole (all
-    /// of the scene box; for cameras at other distances than in training) [default: whole; own in eval].
+    /// Part of a ray to sample, without a learned grid: own (between the scene's near and far planes, as in training)
+    /// or whole (the whole scene box, for cameras at other distances than in training) [default: whole; own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }
@@ -59,8 +59,9 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// Returns the plan that renders `outputs` of `blob`, from `--near` to `--far` of `data`. `file`: path of the scene
-    /// file, for errors. `default`: part of a ray that is sampled if `--bins` is not given.
+    /// Returns the plan that renders `outputs` of `blob`, with rays limited to the distances from `--near` to `--far`.
+    /// `data`: options that hold these two flags. `file`: path of the scene file, for errors. `default`: part of a ray
+    /// that is sampled if `--bins` is not given.
     pub fn plan<'b>(
         &self,
         (blob, file): (&Blob<'b>, &Path),

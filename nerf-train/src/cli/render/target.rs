@@ -14,15 +14,15 @@ use std::path::{Path, PathBuf};
 
 pub(super) enum Target {
     Still,
-    /// A video: a GIF if `None`, else an MP4 that this ffmpeg encodes.
+    /// A video: an MP4 that this ffmpeg encodes; `None`: a GIF.
     Film(Option<Ffmpeg>),
     /// A folder of `frame_0000.png`, `frame_0001.png`, ….
     Frames,
 }
 
 impl Target {
-    /// Returns the last part of the message at an interruption, which says which images are kept. `output`: path of
-    /// `-o`.
+    /// Returns the last part of the message about an interruption: whether the finished images are kept, and in which
+    /// folder. `output`: path of `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
@@ -116,7 +116,8 @@ pub(super) fn claims(render: &Render, target: &Target) -> Claims {
     })
 }
 
-/// Returns the part of the frames to render: for a folder of frames, by `--shard` or the array job; else all frames.
+/// Returns the part of the frames that this process renders. For a folder of frames, `--shard` or the index of an array
+/// job selects the part. Otherwise, the part is all frames.
 pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow::Result<Shard> {
     match target {
         Target::Frames => render.shard.choose(global),

@@ -149,9 +149,9 @@ pub struct SceneBounds {
     pub scene_box: SceneBox,
 }
 
-/// Returns near and far distance, world units, and scene box of a data set. `None` if the data set does not state both
-/// distances and has no certain look-at point, if `near` is not below `far`, or if the box is invalid
-/// ([`SceneBox::new`]).
+/// Returns near and far distance, world units, and scene box of a data set. `None` if a distance is not stated and
+/// cannot be derived, because the look-at point is uncertain ([`LookAt::places_the_scene`]). Also `None` if `near` is
+/// not below `far`, or if the box is invalid ([`SceneBox::new`]).
 ///
 /// `near` and `far` are the data set's own, if stated. Otherwise they follow from the distances of the cameras from
 /// their look-at point. If these distances are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set,
@@ -218,8 +218,9 @@ pub fn frusta_box(
 
 /// Smallest number of sparse points from which a near distance is estimated.
 const ENOUGH_POINTS: usize = 50;
-/// Quantile and factor for a view's near distance: this quantile of the distances to the view's sparse points, times
-/// the factor. The quantile skips outliers; the factor allows for surfaces nearer than all sparse points.
+/// Quantile and factor for the near distance of a view. The quantile of the distances from the camera to the sparse
+/// points in view is multiplied by the factor. The quantile skips outliers; the factor allows for surfaces nearer than
+/// all sparse points.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 pub(crate) fn set_near(dataset: &mut Dataset) {

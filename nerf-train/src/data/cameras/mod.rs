@@ -1,4 +1,4 @@
-//! Cameras: look-at point, scene bounds, origin and viewpoint derived from them; bundle adjustment; files of poses.
+//! Cameras: their look-at point, scene bounds, origin and initial viewpoint; bundle adjustment; files of poses.
 
 pub(crate) mod bundle;
 pub(crate) mod geometry;

@@ -94,7 +94,7 @@ impl Place<'_> {
     }
 }
 
-/// Reads a camera path, with positions relative to `origin`; `None` if the JSON is no camera path, such as a data set.
+/// Reads a camera path, with positions relative to `origin`; `None` if the JSON is something else, such as a data set.
 pub fn read_path(file: &Path, origin: [f64; 3]) -> Result<Option<CameraPath>, DatasetError> {
     let bytes = read_limited(file, MAX_PATH_BYTES)
         .map_err(|source| DatasetError::Io { path: file.into(), source })?;

@@ -15,8 +15,8 @@ pub(crate) const BOTTOM_ROW: &str = "a bottom row of 0 0 0 1";
 /// Tolerance when the bottom row of a matrix is compared with 0 0 0 1: files write numbers with few digits.
 const ROUNDING: f64 = 1e-6;
 
-/// Describes the bottom row of a 4×4 matrix if the row is not 0 0 0 1, else `None`. A matrix with another bottom row is
-/// projective or transposed: its first three rows are no pose.
+/// Describes the bottom row of a 4×4 matrix if the row is wrong; returns `None` if the row is 0 0 0 1. A matrix with a
+/// wrong bottom row is projective or transposed: its first three rows are no pose.
 pub(crate) fn bottom_row_fault(matrix: &[impl AsRef<[f64]>]) -> Option<String> {
     let [a, b, c, bottom] = matrix else { return None };
     let near = |row: &[f64], expected: &[f64]| {

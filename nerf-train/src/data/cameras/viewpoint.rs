@@ -8,13 +8,13 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// Fraction of the cameras' azimuths that an arc must contain. A viewer's orbit range is derived from the shortest such
-/// arc.
+/// Fraction of the cameras' azimuths in the arc from which a viewer's orbit range is derived. The arc is the shortest
+/// that contains this fraction.
 const MOST: f32 = 0.95;
 /// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
-/// Limits for an up direction from the cameras' x axes: maximum of e1 / e2, and minimum of e2. The eigenvalues e1 ≤ e2
-/// ≤ e3 are those of the mean outer product x xᵀ of the axes.
+/// Maximum of e1 / e2 and minimum of e2 at which the cameras' x axes determine the up direction. e1 ≤ e2 ≤ e3:
+/// eigenvalues of the mean outer product x xᵀ of the x axes.
 const LEVEL: (f64, f64) = (0.15, 0.02);
 /// Minimum number of sparse points that a view must show for an estimate of the scene's depth from them.
 const ENOUGH_POINTS: usize = 8;
@@ -112,9 +112,9 @@ fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     (0..count).map(arc).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Returns the up direction of the scene, perpendicular to the cameras' x axes, because people hold cameras level. If
-/// the x axes determine no such direction, or one at 60° or more from the median of the cameras' up directions, the
-/// median is returned instead.
+/// Returns the up direction of the scene: the direction perpendicular to the cameras' x axes, because people hold
+/// cameras level. If the x axes determine no direction, the median of the cameras' up directions is returned instead.
+/// The median is also returned if it differs from the perpendicular direction by 60° or more.
 fn up_of(cameras: &[Camera]) -> Vec3 {
     let axes = |axis: fn(&Pose) -> Vec3| -> Vec<DVec3> {
         cameras.iter().map(|camera| axis(camera.pose()).as_dvec3().normalize_or_zero()).collect()

@@ -28,8 +28,9 @@ struct Shot {
 }
 
 impl Shot {
-    /// Returns the pixel at which this photograph shows a sparse point. `turn`: [`Shot::turn`] of the photograph that
-    /// gave the point. `None` if this photograph has another `turn`, or if the point is hidden or outside the picture.
+    /// Returns the position, pixels, at which this photograph shows a sparse point. `None` if the point is hidden or
+    /// outside the picture, or if `turn` is not this photograph's. `turn`: [`Shot::turn`] of the photograph from which
+    /// the point was made.
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;

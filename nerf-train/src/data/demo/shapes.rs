@@ -134,7 +134,8 @@ impl Shape {
         (middle + half > 0.0).then_some(((middle - half).max(0.0), middle + half))
     }
 
-    /// Returns the distance, world units, to the first hit of a ray from outside; `None` without a hit before `limit`.
+    /// Returns the distance, world units, to the first hit of a ray; `None` without a hit before `limit`. `origin` must
+    /// be outside of the shape.
     fn hit(&self, origin: DVec3, dir: DVec3, limit: f64) -> Option<f64> {
         const STEPS: usize = 400;
         const CLOSE: f64 = 1e-8;

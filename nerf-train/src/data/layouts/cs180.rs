@@ -152,7 +152,7 @@ fn mixed_alpha(splits: [(&str, &Vec<View>); 3]) -> Vec<String> {
 const NOTEBOOK_VIEWS: usize = 106;
 /// Index of the first validation view of the notebook's file: the view that the notebook plots.
 const NOTEBOOK_VALIDATION: usize = 101;
-/// Number of validation views in a file with the notebook's arrays but another number of views; taken from the end.
+/// Number of validation views, taken from the end, if a file does not have the notebook's number of views.
 const LAST: usize = 6;
 
 /// Reads `tiny_nerf_data.npz` of the original NeRF notebook: the arrays `images` and `poses` (OpenGL), and `focal`.

@@ -13,7 +13,7 @@ const MASKS: &str = "masks";
 /// A photograph's file, and the reduction to be applied to its picture.
 pub(crate) struct Located {
     pub(crate) path: PathBuf,
-    /// Factor from the size that the data set states to the reduced size; `None`: the picture keeps the file's size.
+    /// Factor by which the size that the data set states is divided; `None`: the picture keeps the size of its file.
     pub(crate) downscale: Option<Downscale>,
     pub(crate) reduced: bool,
 }
@@ -48,11 +48,11 @@ impl Folders {
     }
 
     /// Returns the folders to search, best first: path, [`Located::downscale`], and whether the folder holds reduced
-    /// copies.
+    /// copies. `size`: width and height that the data set states, pixels.
     ///
-    /// Pictures already reduced by the factor of `downscale` come first, then larger pictures, the smallest of them
-    /// first. Smaller pictures come last for [`Downscale::Auto`], and are left out otherwise. `size`: stated width and
-    /// height, pixels.
+    /// Folders whose pictures are already reduced by the factor of `downscale` come first. Folders of larger pictures
+    /// follow in order of increasing picture size. Folders of smaller pictures come last for [`Downscale::Auto`], and
+    /// are left out otherwise.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();

@@ -15,7 +15,7 @@ const MAX_PIXELS: u64 = 1 << 28;
 /// Maximum width and height of a picture, pixels: the largest that a `.nerf` blob can state.
 pub const MAX_SIDE: u32 = 65_535;
 
-/// Number of bytes at the start of a file from which HEIF is recognised.
+/// Number of bytes from the start of a file that suffice to recognise HEIF.
 const HEAD_BYTES: u64 = 12;
 
 pub(crate) const FORMATS: &str = "PNG, JPEG, WebP, TIFF, BMP or GIF";
@@ -89,7 +89,7 @@ pub fn decode_of(
     Ok((DynamicImage::from_decoder(decoder).map_err(text)?, orientation))
 }
 
-/// Reads width and height of a picture as it is stored, pixels, from its header.
+/// Reads the stored width and height of a picture, pixels, from its header; the EXIF orientation is not applied.
 pub fn dimensions(file: &Path) -> Result<(u32, u32), DecodeError> {
     let unread = |source| DecodeError::Read { file: file.into(), source };
     let mut head = Vec::new();

@@ -72,10 +72,10 @@ impl Decoded {
         (self.image.width(), self.image.height())
     }
 
-    /// Turns the picture as its EXIF tag says if only the turned picture fits the size `stated`. Otherwise the pixels
-    /// stay as stored: COLMAP, nerfstudio and instant-ngp ignore the tag, and poses belong to the stored pixels.
-    /// Returns a note that says whether the picture was turned; `None` if the tag asks for no turn. `says`: name, in
-    /// the note, of the file that states the size, such as "the json".
+    /// Applies the EXIF orientation if the picture fits the size `stated` only when turned. Otherwise the pixels stay
+    /// as stored: COLMAP, nerfstudio and instant-ngp ignore the EXIF orientation, and poses belong to the stored
+    /// pixels. Returns a note that says whether the orientation was applied; `None` if the orientation changes nothing.
+    /// `says`: name, in the note, of the file that states the size, such as "the json".
     pub(crate) fn turn_to(&mut self, stated: StatedSize, says: &str) -> Option<String> {
         if self.orientation == Orientation::NoTransforms {
             return None;

@@ -69,8 +69,9 @@ pub(crate) struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Decodes a photograph and makes its camera. `optics` receives width and height (as stated, otherwise the file's),
-    /// returns the intrinsics, and adds notes. Fails if the picture does not have the stated aspect ratio.
+    /// Decodes a photograph and makes its camera. Fails if the picture does not have the stated aspect ratio. `optics`
+    /// returns the intrinsics for a width and height, and adds notes. The function receives the stated width and
+    /// height; a side that is not stated is taken from the file.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,
@@ -111,8 +112,8 @@ impl Source<'_> {
         Ok(Loaded { view, alpha, larger: larger.then_some(found), notes })
     }
 
-    /// Loads `count` photographs in parallel, without those that are masked out entirely, and counts them in `found`.
-    /// `load`: loads the photograph at an index; `None` leaves it out.
+    /// Loads `count` photographs in parallel and counts them in `found`. Photographs that are masked out entirely are
+    /// not returned. `load`: loads the photograph at an index; `None` leaves it out.
     pub(crate) fn load_all(
         &self,
         count: usize,

@@ -43,8 +43,9 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// Returns the source pixels that the target pixel `index` of `count` overlaps along a side of `length` source pixels:
-/// index of the first source pixel, and the overlapped fraction of each.
+/// Returns the index of the first source pixel that a target pixel overlaps, and the fraction overlapped of each source
+/// pixel from the first on. `index`: index of the target pixel. `count`, `length`: number of target and source pixels
+/// along the side.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;
@@ -59,8 +60,8 @@ fn span(index: u32, count: u32, length: u32) -> (f64, f64) {
     (at(index), at(index + 1))
 }
 
-/// Returns the range of the source pixels that the target pixel `index` of `count` overlaps along a side of `length`
-/// source pixels. An overlap within rounding errors does not count.
+/// Returns the indices of the source pixels that a target pixel overlaps by more than rounding errors. `index`: index
+/// of the target pixel. `count`, `length`: number of target and source pixels along the side.
 fn touched(index: u32, count: u32, length: u32) -> Range<usize> {
     let (from, to) = span(index, count, length);
     (from + 1e-6).floor() as usize..((to - 1e-6).ceil() as usize).min(length as usize)
@@ -97,8 +98,9 @@ pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     Picture { width, height, pixels, alpha }
 }
 
-/// Adds a source row to the sums of a target row; each sum holds colour times alpha, and alpha. `columns`: result of
-/// [`covered`] for each target column. `part`: fraction of the source row that the target row covers.
+/// Adds a source row to the sums of a target row. Each sum holds red, green and blue, all times alpha, and the alpha.
+/// `columns`: result of [`covered`] for each target column. `part`: fraction of the source row that the target row
+/// covers.
 fn add_row(sums: &mut [[f32; 4]], row: &[u8], channels: usize, columns: &[(usize, Vec<f32>)], part: f32) {
     for (sum, (first, shares)) in sums.iter_mut().zip(columns) {
         for (pixel, share) in row[first * channels..].chunks_exact(channels).zip(shares) {

@@ -5,10 +5,10 @@ use crate::data::names::listed;
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// Fraction of the photographs with poses below which a reconstruction is torn ([`Fault::Torn`]).
+/// Minimum fraction of photographs that have poses. Below it, a reconstruction is torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// Minimum number of photographs, present in a smaller reconstruction but not in the largest one, that make the largest
-/// one torn.
+/// Minimum number of photographs with which a smaller reconstruction makes the largest one torn. Only photographs that
+/// the largest one lacks are counted.
 const OTHERS: usize = 3;
 
 /// Fault of a reconstruction: missing photographs, or photographs with wrong poses.

@@ -100,7 +100,7 @@ pub(super) fn none_registered(photographs: usize, said: &str) -> anyhow::Error {
     )
 }
 
-/// Returns the last complete line, not blank, of the output `said`, to show as progress; empty if there is none.
+/// Returns the last complete, non-blank line of the output `said`, to show as progress; empty if there is none.
 fn last_line(said: &[u8]) -> String {
     let text = String::from_utf8_lossy(said);
     let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);

@@ -93,8 +93,8 @@ pub(super) fn render_blob(bytes: &[u8], kernel: Kernel, size: [u32; 2]) -> anyho
     Ok(frame::render_picture(&renderer, MathBackend::Polynomial, size, |_| {})?.0)
 }
 
-/// Fits a 2D field until the budget is used or `stop` returns true. `stop` is called between steps with the number of
-/// steps done. `each` is called with every evaluation, including an evaluation at step 0 if requested.
+/// Fits a 2D field until the budget is used or `stop` returns true. Calls `stop` between steps with the number of steps
+/// done. Calls the function `each` with every evaluation, including an evaluation at step 0 if requested.
 ///
 /// If `stop` ends the run, the blob of the present field and a checkpoint are written, each if its path is given.
 pub fn run(

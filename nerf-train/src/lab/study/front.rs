@@ -3,7 +3,8 @@
 /// Loss of PSNR and cost of rendering at one point, which is one choice of settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Price {
-    /// PSNR lost, dB; negative for a gain. Relative to the exact rendering, or in `combine` to the base settings.
+    /// PSNR lost against a reference, dB; negative for a gain. The reference is the exact rendering or, in the module
+    /// `combine`, the rendering with the base settings.
     pub loss_db: f64,
     /// Render time or multiply-adds, absolute or as a ratio; above 0.
     pub cost: f64,

@@ -5,13 +5,13 @@
 //!                         ▲                                               │ combine
 //!                         └──────────── combinations worth trying ◄───────┘
 //!                                              │
-//!                                  Pareto front ─► report, blob
+//!                                  Pareto front ─► report, file
 //! ```
 //!
 //! A point is one choice of settings. A knob is a setting that trades accuracy for time. Knobs are varied one at a time
 //! from the point *base*, a renderer's default settings. The point *exact* renders every sample inside the scene box,
 //! in f32 with the fastest instructions and polynomial sines. No ray ends early at low transmittance, and every sample
-//! gets a colour. The occupancy grid is used only if the blob says that the grid is part of the model.
+//! gets a colour. The occupancy grid is used only if the scene file requires it.
 
 mod combine;
 mod front;

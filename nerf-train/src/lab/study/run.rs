@@ -32,8 +32,8 @@ use std::time::{Duration, Instant};
 const COMBINATION_LOSS_DB: f64 = 2.5;
 /// Largest loss of PSNR, against the exact rendering, of a point on a blob's Pareto front, dB.
 pub const BLOB_LOSS_DB: f64 = 3.0;
-/// Loss of PSNR against the exact rendering, dB. Points of a blob's Pareto front that lose at most this do not march in
-/// longer steps than training did, because the loss from longer steps differs from view to view.
+/// Loss of PSNR against the exact rendering, dB, up to which a point of a blob's Pareto front must not march in longer
+/// steps than training did. The reason is that the loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
 /// Maximum number of combinations of all knobs. The same maximum applies to combinations of only the knobs that a blob
 /// stores.
@@ -78,7 +78,8 @@ pub struct Study<'a, 'b> {
 }
 
 impl<'a, 'b> Study<'a, 'b> {
-    /// Studies `lab`'s scene on `views`; fails without views. Calls `each` after every frame. Time counts from `start`.
+    /// Studies `lab`'s scene on `views`; fails without views. Calls the function `each` after every frame. The time
+    /// limit counts from `start`.
     pub fn run(
         lab: &'a Variants<'b>,
         mut views: Vec<&'a View>,
@@ -203,8 +204,9 @@ impl<'a, 'b> Study<'a, 'b> {
         self.timing.len() < self.views.len() && settings.is_slow(self.lab.has_occupancy(settings.variant))
     }
 
-    /// Whether a pass renders `point` on the view of index `view`. Timing views: every point. Other views: no point if
-    /// `only_timing`; else the exact point if the view still lacks it, and every other point that is not slow.
+    /// Whether a pass renders `point` on the view of index `view`. On a timing view, every point is rendered. On
+    /// another view, no point is rendered if `only_timing`. Otherwise, the exact point is rendered if the view lacks
+    /// it, and any other point if its settings are not slow.
     fn wanted(&self, point: &Point, view: usize, only_timing: bool) -> bool {
         let timed = self.timing.contains(&view);
         let first = point.views[view].is_none();
@@ -298,8 +300,9 @@ impl<'a, 'b> Study<'a, 'b> {
         pareto(&self.times())
     }
 
-    /// Returns the indices of the points on the blob's Pareto front of multiply-adds and loss of PSNR, most expensive
-    /// first, and the price of every point; the cost is NaN for points that cannot be on the front.
+    /// Returns two lists. The first holds the indices of the points on the blob's Pareto front of multiply-adds and
+    /// loss of PSNR, most expensive first. The second holds the price of every point; the cost is NaN for points that
+    /// cannot be on the front.
     ///
     /// The front has at most [`MAX_FRONT`] points. Each has settings that a blob can store, and loses at most
     /// `BLOB_LOSS_DB`. Points that lose at most `TRAINED_STEP_LOSS_DB` do not march in longer steps than training did.

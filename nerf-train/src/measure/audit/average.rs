@@ -91,7 +91,8 @@ pub fn flattened(
     without_direction(architecture, parameters, &mean)
 }
 
-/// Whether the layer's input contains the encoded direction. True for the first colour layer if colour depends on it.
+/// Whether the layer's input contains the encoded direction. True for the first colour layer of a network whose colour
+/// depends on the direction.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
 }

@@ -127,9 +127,10 @@ pub struct AuditOptions {
     pub clock: Clock,
 }
 
-/// Renders each view with all effects, and then without one effect after another. Returns every effect's gain and cost.
-/// `rays`: views over whose rays the encoded direction is averaged, to leave out view dependence. `each` is called
-/// after every frame, with the number of frames rendered and the number of all frames. Fails if `views` is empty.
+/// Renders each view with all effects, and again without each single effect. Returns every effect's gain and cost.
+/// `rays`: views over whose rays the encoded direction is averaged, to leave out view dependence. `each`: function
+/// called after every frame, with the number of frames rendered and the number of all frames. Fails if `views` is
+/// empty.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],

@@ -13,8 +13,8 @@ const ORDERS: [Order; 5] = [Order::Level, Order::Pairs, Order::Input, Order::Hal
 /// Density activations that are tried in turn. A checkpoint does not record the activation.
 const DENSITIES: [RawDensity; 3] = [RawDensity::Relu, RawDensity::Softplus, RawDensity::ShiftedSoftplus];
 
-/// Reads the f32 weights that `blob` was imported from, in the blob's order. Tries orders of channels and density
-/// activations: only the right ones give exactly the blob's weights when rounded.
+/// Reads the f32 weights that `blob` was imported from, in the blob's order. Tries combinations of channel orders and
+/// density activations: only the right combination gives exactly the blob's weights when rounded.
 pub fn unrounded(file: &Path, blob: &Blob<'_>) -> anyhow::Result<Vec<f32>> {
     let tensors = Tensors::read(file, None)?;
     let angle = match blob.architecture().position.sinusoidal().map(|encoding| encoding.scale) {

@@ -12,7 +12,8 @@ use nerf_core::network::{
 use std::collections::BTreeSet;
 use std::iter::once;
 
-/// Encoding of the direction, `None` if colour does not depend on it, and widths of the colour network's hidden layers.
+/// Encoding of the direction, and widths of the colour network's hidden layers. The encoding is `None` if colour does
+/// not depend on the direction.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
 /// Imported network, with layers and channels in this project's order. The linear feature layer is still separate from

@@ -27,8 +27,8 @@ pub struct ConfigError {
 }
 
 impl ConfigError {
-    /// Returns the error with the setting's name as in the settings of a 2D field: `network.grid.levels` becomes
-    /// `grid.levels`.
+    /// Returns the error for the settings of a 2D field, whose names lack the prefix `network.`: `network.grid.levels`
+    /// becomes `grid.levels`.
     pub(crate) fn of_picture(self) -> Self {
         Self { field: self.field.trim_start_matches("network."), ..self }
     }

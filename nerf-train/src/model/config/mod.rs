@@ -55,8 +55,8 @@ pub struct NetworkConfig {
     pub grid: Option<TableConfig>,
     /// Number of levels (frequencies) of the position's sinusoidal encoding; 0 with a grid.
     pub position_levels: u8,
-    /// Number of levels (frequencies) of the direction's sinusoidal encoding. With a grid: degree of the direction's
-    /// spherical harmonics instead. 0: the colour does not depend on the direction.
+    /// Number of levels (frequencies) of the direction's sinusoidal encoding. With a grid, the direction is encoded by
+    /// spherical harmonics instead, and this is their degree. With 0, the colour does not depend on the direction.
     pub direction_levels: u8,
     /// Whether a linear layer lies between trunk and colour branch. Export merges this layer with the next one.
     pub feature: bool,
@@ -66,8 +66,8 @@ pub struct NetworkConfig {
     pub density: Density,
     /// Factor on the density head's raw output in training: `sigma = activation(density_scale · raw)`.
     pub density_scale: f32,
-    /// Initial bias `b` of the density head, added to `density_scale · raw`. With an exponential density, the initial
-    /// bias is `b` − ln(longest side of the scene box), so that exp(`b`) is the initial optical depth along this side.
+    /// Initial bias `b` of the density head, added to `density_scale · raw`. With an exponential density, ln(longest
+    /// side of the scene box) is subtracted from `b`. The initial optical depth along this side is then exp(`b`).
     pub density_bias: f32,
 }
 
@@ -90,8 +90,8 @@ pub struct SamplingConfig {
     /// Number of samples per ray: one in each of this many equal bins between near and far. With a learned grid,
     /// `steps_across` applies instead.
     pub samples: u16,
-    /// Number of ray march steps across the longest side of the scene box. In an unbounded scene: across the ball
-    /// inside which space is not contracted. Used with a learned grid only.
+    /// Number of ray march steps across the longest side of the scene box. In an unbounded scene, the steps are counted
+    /// across the ball inside which space is not contracted. Used with a learned grid only.
     pub steps_across: u16,
     /// Position of each sample in its bin: in the middle, anywhere at random, or at random within a given distance
     /// (world units) of the start of the bin.
@@ -99,9 +99,9 @@ pub struct SamplingConfig {
     /// Number of rays per step; if `live_samples` is above 0, number of rays of the first step only. `rays` times
     /// `samples` must be at most 2^27.
     pub rays: usize,
-    /// Target number of samples per step, to which the number of rays is adapted; 0: every step has `rays` rays.
-    /// Samples in empty cells do not count. With a learned grid, samples count only if they are trained: all samples of
-    /// compositing weight above 0.003, and a random choice of the others.
+    /// Target number of samples per step; the number of rays is adapted to reach this target. With 0, every step has
+    /// `rays` rays. Samples in empty cells do not count towards the target. With a learned grid, only trained samples
+    /// count: all samples of compositing weight above 0.003, and a random choice of the samples of smaller weight.
     pub live_samples: usize,
     /// Number of random images per step, with equally many rays each. 0: rays are drawn from all pixels of all images.
     pub images: usize,
@@ -115,8 +115,8 @@ pub struct SamplingConfig {
     pub scene_box: Option<[f32; 6]>,
     /// Power of an unbounded scene's contraction: 1, 2 or 4; absent for a scene in a box. Contraction maps all of space
     /// into a cube, and leaves a ball around the cameras' subject unchanged. Outside the ball, ray march steps grow
-    /// with the distance r from the ball's centre: as r² with power 1 (uniform in disparity), as r^1.5 with 2, as
-    /// r^1.25 with 4. Requires a learned grid.
+    /// with the distance r from the ball's centre. The steps are proportional to r² with power 1 (uniform in
+    /// disparity), to r^1.5 with power 2, and to r^1.25 with power 4. Requires a learned grid.
     pub contraction: Option<u8>,
     /// Weight of the distortion loss, which concentrates the compositing weights along a ray; 0 for none. Unbounded
     /// scenes only. The unit of distance in this loss is the side of the contracted cube.
@@ -141,8 +141,8 @@ pub struct CaptureConfig {
     /// Choice of whether pixels that show moving objects are left out of the loss: "auto" or "off". Unbounded scenes
     /// only.
     pub moving: MovingObjects,
-    /// Choice of whether some photographs are withheld from the first steps: "auto" or "off". The gap between their
-    /// PSNR and that of the other photographs then sets the weight decay.
+    /// Choice of whether some photographs are withheld from the first steps: "auto" or "off". The PSNR of the withheld
+    /// photographs is compared with the PSNR of the other photographs. The difference sets the weight decay.
     pub withhold: Withholding,
 }
 
@@ -164,8 +164,9 @@ impl Default for CaptureConfig {
 #[serde(rename_all = "kebab-case")]
 pub enum Exposure {
     /// In an unbounded scene, gains are first estimated. Photographs have learned gains if the standard deviation of
-    /// the estimated log gains is at least 0.12, or if one estimate is at least a factor of 2 from the mean. In a scene
-    /// box, photographs have gains if the PSNR of withheld photographs is more than 3.4 dB below that of the others.
+    /// the estimated log gains is at least 0.12, or if one estimate differs from the mean by at least a factor of 2. In
+    /// a scene box, photographs have learned gains if the PSNR of withheld photographs is more than 3.4 dB below the
+    /// PSNR of all other photographs.
     Auto,
     /// Each photograph has its own gain.
     Own,
@@ -208,7 +209,7 @@ pub enum Withholding {
     Off,
 }
 
-/// Kind of a scene's background: known from the images, or unknown, with the scene in a box or unbounded.
+/// What is known of a scene's surroundings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Surroundings {
     /// The images show which of their pixels are background, by alpha or by a constant colour.
@@ -237,8 +238,8 @@ pub enum Jitter {
 pub struct OccupancyConfig {
     /// Whether training skips samples in empty cells.
     pub skip: bool,
-    /// Number of cells along the longest side of the scene box. 0: a number from 32 to 128 that grows with the tables
-    /// of the learned grid; 128 without a learned grid.
+    /// Number of cells along the longest side of the scene box; 0 for an automatic choice. The automatic number is 128
+    /// without a learned grid. With a learned grid, the number is from 32 to 128, and grows with the grid's tables.
     pub resolution: u16,
     /// Whether the occupancy grid begins as a visual hull: the cells that no image shows as background. Effective only
     /// if the images show which pixels are background.
@@ -276,9 +277,10 @@ impl Config {
         self.model_of(Vec3::ONE)
     }
 
-    /// Returns the number of occupancy cells along the longest side of a box of this extent. If `occupancy.resolution`
-    /// is above 0, returns that number. Otherwise, returns the largest candidate resolution whose bits take at most a
-    /// third of the bytes of the learned grid's tables as f16; 32 if none does, 128 without a learned grid.
+    /// Returns the number of occupancy cells along the longest side of a box of this extent. An `occupancy.resolution`
+    /// above 0 is returned unchanged. Otherwise, the result is the largest candidate resolution whose bits take at most
+    /// a third of the bytes of the learned grid's tables as f16. If no candidate is small enough, the result is 32.
+    /// Without a learned grid, the result is 128.
     pub fn occupancy_resolution(&self, extent: Vec3) -> u16 {
         if self.occupancy.resolution > 0 {
             return self.occupancy.resolution;

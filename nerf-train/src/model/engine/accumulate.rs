@@ -1,4 +1,4 @@
-//! Gradients of layer weights, summed over the blocks of a chunk, the chunks of an accumulator, and all accumulators.
+//! Gradients of layer weights: sums over the blocks of a chunk, then over chunks, then over accumulators.
 
 use super::graph::{Node, VECTOR, block_of, blocks, padded};
 use nerf_core::matrix::{Gemm, Init, gemm};
@@ -27,9 +27,9 @@ impl LayerSum {
         self.touched = false;
     }
 
-    /// Adds a chunk's gradient: the product of `dy` and the layer's transposed inputs `[main, extra, 1]`. `dy`:
-    /// gradient with respect to the layer's outputs, `[blocks][outputs][BLOCK]`; `slots`: activation buffers, among
-    /// them the inputs; `transposed`: scratch buffer.
+    /// Adds the gradient of a chunk: the product of `dy` and the layer's transposed inputs, `[main, extra, 1]`. `dy`:
+    /// gradient with respect to the layer's outputs, `[blocks][outputs][BLOCK]`. `slots`: activation buffers, including
+    /// the buffers of the layer's inputs. `transposed`: scratch buffer.
     pub(super) fn add(
         &mut self,
         isa: Isa,

@@ -9,7 +9,8 @@ pub(super) const SAMPLES: usize = 512;
 /// Number of rays at which a chunk is full even with few samples: rays without samples take time, too.
 const RAYS: usize = 2048;
 
-/// Number of consecutive rays of a line ([`Batch::lines`]), on which the smoothness loss acts. Chunks hold whole lines.
+/// Number of consecutive rays that form a line. The smoothness loss acts on lines ([`Batch::lines`]). Chunks hold whole
+/// lines.
 pub const LINE: usize = 4;
 
 /// Entry of a ray in a batch: direction, target colour, background and number of samples.
@@ -51,7 +52,8 @@ pub struct RayQuestion {
     pub blur: f32,
 }
 
-/// Gradient of the loss with respect to a ray's origin and direction; samples keep their distances from the origin.
+/// Gradient of the loss with respect to a ray's origin and direction, for constant distances of the samples from the
+/// origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
     pub ray: u32,
@@ -61,7 +63,8 @@ pub struct RayGradient {
     pub by_dir: Vec3,
 }
 
-/// Input of a training step: rays, and their samples in occupied cells, ray after ray, front to back along each ray.
+/// Input of a training step: rays, and the samples of these rays in occupied cells. The samples are in the order of the
+/// rays and, on each ray, front to back.
 ///
 /// For a 2D field, each ray has one opaque sample. The sample's first two coordinates are its position in the image.
 #[derive(Clone, Debug, PartialEq, Default)]
@@ -77,8 +80,8 @@ pub struct Batch {
     pub empty: Vec<[f32; 3]>,
     /// Weight of the loss term that pushes the density at the `empty` points to 0.
     pub empty_weight: f32,
-    /// Seed and training step, for the random numbers of Russian roulette: of the samples of small compositing weight,
-    /// a random choice is trained. `None`: no sample of small weight is trained. Used with a grid only.
+    /// Seed and training step of the random numbers of Russian roulette, which trains a random choice of the samples of
+    /// small compositing weight. `None`: no sample of small weight is trained. Used with a grid only.
     pub roulette: Option<(u64, u64)>,
     /// Known surfaces of the batch's first rays, one per ray; later rays have none. Used with a grid only.
     pub surfaces: Vec<Surface>,
@@ -126,7 +129,8 @@ impl Batch {
         self.smoothness = None;
     }
 
-    /// Checks that lists have matching lengths, numbers are finite, `deltas` not negative, and `lines` as documented.
+    /// Checks that the lengths of all lists match, all numbers are finite, no length in `deltas` is negative, and
+    /// `lines` has the documented form.
     pub fn check(&self) -> Result<(), BatchError> {
         let claimed: u64 = self.rays.iter().map(|ray| u64::from(ray.samples)).sum();
         let scales =
@@ -220,8 +224,9 @@ pub(super) enum Chunk {
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with parts of the batch, in order, of about equal size. The number of chunks is even if possible, so
-/// that two threads finish together. A chunk of `most` samples is full, but a line ([`Batch::lines`]) is not divided.
+/// Fills `chunks` with parts of the batch of about equal size, in the order of the batch. The number of chunks is even
+/// if possible, so that two threads finish together. A chunk with `most` samples gets no further rays, except to
+/// complete a line ([`Batch::lines`]).
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

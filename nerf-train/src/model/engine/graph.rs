@@ -80,8 +80,8 @@ pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &
 }
 
 impl Node {
-    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`. `parameters`: of all layers; `slots`: activation
-    /// buffers, among them the layer's inputs.
+    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`. `parameters`: parameters of all layers; `slots`:
+    /// activation buffers, including the buffers of the layer's inputs.
     pub(super) fn forward(
         &self,
         isa: Isa,
@@ -107,8 +107,8 @@ impl Node {
         }
     }
 
-    /// Computes the gradient with respect to the main inputs, `dx = W_mainᵀ dy`, `[blocks][main][BLOCK]`, added to the
-    /// old `dx` if `accumulate`. `dy`: gradient with respect to the layer's outputs.
+    /// Computes the gradient with respect to the main inputs, `W_mainᵀ dy`, `[blocks][main][BLOCK]`. If `accumulate`,
+    /// adds the gradient to `dx`; otherwise, overwrites `dx`. `dy`: gradient with respect to the layer's outputs.
     pub(super) fn backward(
         &self,
         isa: Isa,
@@ -137,7 +137,8 @@ impl Node {
     }
 }
 
-/// Does a ReLU's backward pass from its output `y`: sets `dy` to 0 where `y` is 0; both `[blocks][channels][BLOCK]`.
+/// Does a ReLU's backward pass from its output `y`: sets `dy` to 0 where `y` is 0. Shape of `dy` and `y`:
+/// `[blocks][channels][BLOCK]`.
 pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usize) {
     let length = samples.div_ceil(BLOCK) * channels * BLOCK;
     for (dy, &y) in dy[..length].iter_mut().zip(&y[..length]) {

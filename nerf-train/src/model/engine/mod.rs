@@ -183,7 +183,8 @@ pub trait Engine: Send {
         &[]
     }
 
-    /// Returns the last batch's gradient with respect to the log gain of each of `views` photographs; 0 without rays.
+    /// Returns the last batch's gradient with respect to each photograph's log gain; 0 for a photograph without rays.
+    /// `views`: number of photographs.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
@@ -209,7 +210,7 @@ pub trait Engine: Send {
         Box::new(std::iter::empty())
     }
 
-    /// Returns the parameters: those of [`Model::layers`] in order, then the values of the grid's tables.
+    /// Returns the parameters of all layers, in the order of [`Model::layers`], then the values of the grid's tables.
     fn parameters(&self) -> Cow<'_, [f32]>;
 
     /// Returns the time of all steps so far by phase, summed over threads; 0 if the engine does not measure it.

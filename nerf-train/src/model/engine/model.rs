@@ -113,7 +113,7 @@ impl Model {
         layers
     }
 
-    /// Returns the number of parameters: those of the layers and those of the grid's tables.
+    /// Returns the number of parameters: layer parameters plus values of the grid's tables.
     pub fn parameters(&self) -> usize {
         self.layer_parameters() + self.table_values()
     }
@@ -128,10 +128,11 @@ impl Model {
     }
 
     /// Returns initial parameters; a seed gives the same values on every machine. Weights and biases are U(±1/√fan_in),
-    /// as in PyTorch's `nn.Linear`; the density's bias is shifted by `density_bias / density_scale`.
+    /// as in PyTorch's `nn.Linear`. To the density's bias, `density_bias / density_scale` is added.
     ///
-    /// For a grid: tables U(±1e-4); weights U(±√(6 / fan_in)) before a ReLU, else U(±√(6 / (fan_in + 16))); biases 0
-    /// except the density's, `density_bias`. Without a trunk, raw density begins as the sum of levels' first features.
+    /// With a grid, tables are U(±1e-4). Weights before a ReLU are U(±√(6 / fan_in)); all other weights are U(±√(6 /
+    /// (fan_in + 16))). The density's bias is `density_bias`; all other biases are 0. Without a trunk, raw density
+    /// begins as the sum of the levels' first features and the bias.
     pub fn initial_parameters(&self, seed: u64) -> Vec<f32> {
         if self.architecture.position.grid().is_some() {
             return self.initial_grid_parameters(seed);

@@ -37,7 +37,8 @@ impl ReferenceEngine {
         Ok(Self { graph, device: Cpu::default(), optimiser })
     }
 
-    /// Returns sigma (1/world unit; empty in a 2D field) and colour at `positions`, seen along `dirs` of equal length.
+    /// Returns sigma, 1/world unit, and colour at each of `positions`. `dirs`: viewing direction at each position. In a
+    /// 2D field, the list of sigmas is empty.
     pub fn forward(
         &self,
         positions: &[[f32; 3]],

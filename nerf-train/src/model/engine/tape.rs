@@ -22,7 +22,7 @@ pub(super) struct Weights {
 }
 
 impl Weights {
-    /// Copies the parameters of layer `d` out of `parameters`, which holds those of all layers.
+    /// Copies the parameters of layer `d` out of `parameters`, the parameters of all layers.
     pub(super) fn of(device: &Cpu, d: &Dense, parameters: &[f32]) -> Result<Self, EngineError> {
         let rows = || parameters[d.weights..d.bias].chunks_exact(d.inputs());
         let main = rows().flat_map(|row| &row[..d.main]).copied().collect();
@@ -78,7 +78,8 @@ pub(super) fn add(to: &mut [f32], values: &[f32]) {
     to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
 }
 
-/// Arrangement of a list of samples, ray after ray, as rows of a matrix padded to the longest ray: `[rays][longest]`.
+/// Arrangement of a list of samples as a matrix, `[rays][longest]`. Each ray has one row, padded to the number of
+/// samples of the longest ray. The list holds the samples ray after ray.
 pub(super) struct Rows {
     device: Cpu,
     shape: (usize, usize),
@@ -145,7 +146,8 @@ impl Rows {
     }
 }
 
-/// Composites `shown`, Σ weight · colour, over `background`, each `[rays][3]`. `transmittance`: at the end of each ray.
+/// Composites colours over `background`, `[rays][3]`. `shown`: Σ weight · colour of each ray, `[rays][3]`;
+/// `transmittance`: transmittance at the end of each ray.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,

@@ -40,10 +40,11 @@ impl ShownRay {
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
-    /// Number of bins from near to far, each with one sample; if `marched`, largest number of samples of a ray.
+    /// Number of bins from near to far, each with one sample. If `marched` is true, this is the largest number of
+    /// samples of a ray instead.
     pub bins: u16,
     pub marched: bool,
-    /// Number of rays of the training step; the first of these rays are shown.
+    /// Number of rays of the training step. The shown rays are the first rays of the step.
     pub rays: usize,
     pub live: usize,
     pub occupancy: bool,
@@ -59,10 +60,10 @@ pub(super) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// Returns the first `count` rays of a step on `views`, and the step's numbers of rays, bins and samples. `first`:
-    /// index of the first view's camera in the scene.
+    /// Returns the first `count` rays of a step on `views`, and facts such as the step's numbers of rays, bins and
+    /// samples. `first`: index in the scene of the first view's camera.
     ///
-    /// `whole`: whether the step draws as many rays as in training; if not, the step draws only `count` rays.
+    /// `whole`: whether the step has as many rays as in training. If false, the step has only `count` rays.
     pub(super) fn draw(
         &self,
         views: &[View],
@@ -115,8 +116,9 @@ impl Drawer<'_> {
         Ok((shown.collect(), facts))
     }
 
-    /// Returns the step's batch of `rays` rays. Samples are in occupied cells of `cells`, or in the whole scene box if
-    /// `cells` is `None`. `most`: number of samples at which the batch ends (0: no limit); ignored for marched rays.
+    /// Returns the step's batch of `rays` rays. The samples are in the occupied cells of `cells`; if `cells` is `None`,
+    /// they are in the whole scene box. `most`: number of samples at which the batch ends, or 0 for no limit; ignored
+    /// if rays are marched.
     fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
         let (mut batch, step) = (Batch::default(), u64::from(self.step));
         if !self.is_marched() {

@@ -7,7 +7,7 @@ use crate::data::pictures::rgb::{Picture, check_length};
 /// Colour of pixels without a value: a light grey that occurs in none of the maps.
 pub const EMPTY: [f32; 3] = [0.86; 3];
 
-/// Opacity above which a pixel shows a surface, so that its distance is used.
+/// Opacity above which a pixel shows a surface. All other pixels are drawn without a value.
 const SOLID: f32 = 0.5;
 
 /// Colour map of values from 0 to 1. Lightness rises evenly: readable in grey print, and by the colour-blind.
@@ -61,8 +61,9 @@ impl ColourMap {
 
 /// Returns the range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
 ///
-/// `values` (any unit), `opacity`: `[n]`. Only finite values are used; `None` if there are none. If the ends are equal,
-/// as for a flat wall at v, the range is v ± 0.5 % of v; at v = 0, −0.5 to 0.5.
+/// `values` (any unit), `opacity`: `[n]`. Values that are not finite are ignored; `None` if no value remains. If both
+/// percentiles are the same value v, as for a flat wall, the range is v ± 0.5 % of v. If v is 0, the range is −0.5 to
+/// 0.5.
 pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     let solid = |&(value, opacity): &(&f32, &f32)| value.is_finite() && *opacity > SOLID;
     let mut kept: Vec<f32> = values.iter().zip(opacity).filter(solid).map(|(&value, _)| value).collect();
@@ -85,7 +86,8 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// Returns the range of a distance picture's colours: `range` if it is finite, else [`robust_range`], else 0 to 1.
+/// Returns the range of a distance picture's colours: `range` if it is given and finite, otherwise [`robust_range`]. If
+/// no pixel has a value, the range is 0 to 1.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),

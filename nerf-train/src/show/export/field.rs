@@ -74,8 +74,9 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 }
 
-/// Finds the distance along a ray at which the optical depth reaches ln 2 (opacity 1/2), in the unit of `delta`; `None`
-/// if the whole ray's optical depth is less. `sigma`: density in each bin of the ray; `delta`: width of a bin.
+/// Finds the distance along a ray at which the optical depth reaches ln 2, which is opacity 1/2. Returns `None` if the
+/// whole ray's optical depth is less. `sigma`: density in each bin of the ray; `delta`: width of a bin, in the unit of
+/// the distance.
 fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
     let mut depth = 0.0;
     for (i, sigma) in sigma.iter().enumerate() {

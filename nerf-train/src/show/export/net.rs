@@ -41,8 +41,9 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Adds slice `z`; slices must be added in ascending order from 0. `above`: levels at the slice's corners. Makes
-    /// vertices in the cubes below the slice, then the faces of each crossed edge whose four cubes now have vertices.
+    /// Adds slice `z`; slices must be added in ascending order from 0. `above`: levels at the slice's corners. First
+    /// makes vertices in the cubes below the slice. Then makes the faces of each crossed edge whose four cubes now have
+    /// vertices.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);

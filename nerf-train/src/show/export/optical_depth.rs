@@ -1,7 +1,7 @@
 //! Optical depth from outside of the box to each corner of a lattice.
 //!
-//! Optical depths are summed from neighbour to neighbour along 26 directions. The third smallest of a corner's 26 sums
-//! is used: a gap in one or two directions does not make a hidden corner visible.
+//! Optical depths are summed from neighbour to neighbour along 26 directions. The result at a corner is the third
+//! smallest of its 26 sums, so that a gap in one or two directions does not make a hidden corner visible.
 
 use super::Lattice;
 use half::f16;

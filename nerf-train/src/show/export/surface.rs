@@ -44,7 +44,7 @@ pub enum Surface {
 /// The mesh is a surface net, of densities or of optical depths, with smoothed normals. For a visible surface, a vertex
 /// is left out if the opacity along the vertex's inward ray stays below 1/2. If the opacity crosses 1/2 far behind a
 /// vertex, the vertex moves inward, to about two cells in front of the crossing: closer vertices would make triangles
-/// intersect. `each` is called with the number of finished slices, summed over three passes of the lattice. Fails if
+/// intersect. The callback `each` gets the number of finished slices, summed over three passes of the lattice. Fails if
 /// the box holds no surface.
 pub fn mesh(
     field: &Field<'_, '_>,
@@ -90,7 +90,7 @@ pub fn mesh(
     }
 }
 
-/// Makes the surface net of `surface`. `cells`: [`Lattice::cell_depths`] of each slice. `each` is called with the
+/// Makes the surface net of `surface`. `cells`: [`Lattice::cell_depths`] of each slice. The callback `each` gets the
 /// number of finished slices.
 fn net<'l>(
     lattice: &'l Lattice,
@@ -164,7 +164,7 @@ fn settled(
     Ok(rays.iter().zip(points).zip(crossings).map(place).collect())
 }
 
-/// Returns a vertex for each place, with the colour seen along the inward normal; `None` where the place is `None`.
+/// Returns the vertices at `places`, each with the colour seen along its inward normal. An entry `None` stays `None`.
 fn coloured(
     field: &Field<'_, '_>,
     places: &[Option<Place>],

@@ -15,7 +15,8 @@ use zip::write::FileOptions;
 /// Densities and colours at the centres of cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Volume {
-    /// Lower corner of the first cell, world units: in the scene file's coordinates until the caller adds the origin.
+    /// Lower corner of the first cell, world units. The coordinates are those of the scene file; the caller adds the
+    /// origin.
     pub min: [f64; 3],
     /// Side of a cell, world units.
     pub cell: f32,
@@ -28,7 +29,7 @@ pub struct Volume {
 }
 
 /// Samples the field over a box with `resolution` cells along the box's longest side. Colours are means over six view
-/// directions: both directions along each axis. `each` is called with the number of finished slices along x.
+/// directions: both directions along each axis. The callback `each` gets the number of finished slices along x.
 pub fn volume(
     field: &Field<'_, '_>,
     bounds: &SceneBox,

@@ -242,8 +242,9 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the notes at the bottom, and a further note if `left_out`, the number of points left out, is above 0.
-    /// Returns the row of pixels at which the space for the chart ends. `top`: first row of pixels below the title.
+    /// Draws the notes at the bottom. `left_out`: number of points that the plot leaves out; if it is above 0, a
+    /// further note states it. `top`: first row of pixels below the title. Returns the row of pixels at which the space
+    /// for the chart ends.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -349,8 +350,9 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Returns the range of a logarithmic axis that contains all values (1 and 10 if there are none), and the ticks: 1, 2
-/// and 5 times the powers of ten or, if these are more than [`TICKS`], every n-th power of ten.
+/// Returns the range and the ticks of a logarithmic axis. The range contains all values; without values, it contains 1
+/// and 10. The ticks are 1, 2 and 5 times the powers of ten. If these are more than [`TICKS`], the ticks are every n-th
+/// power of ten.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;

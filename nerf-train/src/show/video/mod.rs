@@ -85,7 +85,7 @@ impl Ffmpeg {
 
 /// Writer of an MP4, frame by frame. The file appears only when [`finish`](Self::finish) succeeds.
 ///
-/// A drop without `finish` kills ffmpeg and leaves no file.
+/// If the writer is dropped before `finish`, ffmpeg is killed and no file remains.
 #[derive(Debug)]
 pub struct Mp4Writer {
     ffmpeg: Ffmpeg,

@@ -2,9 +2,9 @@
 //!
 //! Files are compared by their identity in the file system (device and inode on Unix, the canonical path elsewhere).
 //! Two paths to one file are thus recognised despite links, relative paths and differences of case. If a data set is a
-//! folder, no output may lie in it. If a data set is a file, the inputs are that file, the lists of views next to it,
-//! and the images that the lists name. A folder of results must not hold an input with the extension of a result.
-//! Devices and pipes such as `/dev/null` may be input and output.
+//! folder, no output may lie in it. If a data set is a file, the inputs are that file, the transforms files next to it,
+//! and the images that transforms files name. A folder of results must not hold an input that has the extension of a
+//! result file, such as `.png` or `.json`. Devices and pipes such as `/dev/null` may be input and output.
 
 use super::mark::was_made_here;
 use super::{Attempt, OutputError, ensure_folder, folder_of};

@@ -21,7 +21,7 @@ impl AtomicFolder {
     /// Creates the hidden folder in the parent of `path`; creates the parent, too, if it is missing.
     ///
     /// # Errors
-    /// [`Attempt::CreateFolder`] if `path` exists and is not an empty folder; also those of [`ensure_folder`].
+    /// [`Attempt::CreateFolder`] if `path` exists and is not an empty folder. Errors of [`ensure_folder`].
     pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
         let path = path.as_ref();
         let fail = |source| OutputError::new(Attempt::CreateFolder, path, source);

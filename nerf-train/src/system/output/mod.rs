@@ -230,8 +230,8 @@ pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputErr
     }
 }
 
-/// Whether an error of this kind may mean that the file system has no hard links: link(2) gives EPERM, other systems
-/// EINVAL or ENOSYS.
+/// Whether an error of this kind may mean that the file system has no hard links. On such a file system, link(2) fails
+/// with EPERM; on other systems, the call fails with EINVAL or ENOSYS.
 fn cannot_link(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
 }

@@ -5,8 +5,8 @@ use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Fraction of a line of sight, from its camera on, that counts as free. Below 1, since points are inexact and surfaces
-/// slanted.
+/// Fraction of a line of sight, from its camera on, that counts as free. The fraction is below 1, since points are
+/// inexact and surfaces may be slanted.
 const FREE_SHARE: f32 = 0.85;
 /// Least number of crossings by lines of sight that proves a cell free; for a block, summed over its cells.
 const MIN_CROSSINGS: u32 = 3;

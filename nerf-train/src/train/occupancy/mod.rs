@@ -20,8 +20,8 @@ pub use silhouette::is_foreground;
 /// Least fraction of candidate cells that an update must leave occupied; else the update is not applied. A field that
 /// has lost all density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
-/// Divisor of the number of views that see the most visible cell. A cell of the visual hull must be seen by at least
-/// the quotient. This excludes space behind the scene, which few cameras see.
+/// Divisor that gives the least number of views that must see a cell of the visual hull: the number of views that see
+/// the most visible cell, divided by this. The limit excludes space behind the scene, which few cameras see.
 const SEEN_SHARE: u32 = 4;
 /// Limit on the multiply-adds of a final update with eight points per cell; above the limit, each cell gets one point.
 const SETTLE_MACS: usize = 300_000_000_000;
@@ -108,7 +108,7 @@ pub struct Occupancy {
     live: OccupiedCells,
     /// Indices of the cells that the photographs do not prove empty.
     candidates: Vec<u32>,
-    /// Density stored for each candidate cell, 1/world unit.
+    /// Density stored for each cell of `candidates`, 1/world unit.
     density: Vec<f32>,
     refreshes: u64,
     /// One bit per cell: whether a sample of enough weight has marked the cell as visible. Empty before the first mark.
@@ -132,8 +132,9 @@ impl Occupancy {
         Self::of_candidates(bounds, sides, (0..cells).collect())
     }
 
-    /// Creates the first grid of an unbounded scene. A cell is occupied if two cameras at least `apart` world units
-    /// apart see it. With a single view, cells outside of the view are occupied, too. Cells too near to a camera, free
+    /// Creates the first grid of an unbounded scene. A cell is occupied if two cameras see it: the first camera in the
+    /// order of `views` that sees the cell, and another at least `apart` world units from the first. With a single
+    /// view, cells are occupied even if the view does not see them. In both cases, cells too near to a camera, free
     /// cells and cells outside of contracted space are empty. `nears`: for each view, the distance from its camera
     /// within which space is empty, world units. `free`: for each cell, whether it is free; an empty slice if unknown.
     pub fn seen(

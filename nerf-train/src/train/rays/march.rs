@@ -82,7 +82,7 @@ struct Lookup<'a> {
 
 impl<'a> Lookup<'a> {
     /// Prepares lookups of `bits`, one per cell or block, at points of `ray`. `resolution`: number of cells or blocks
-    /// per axis. `sides`: sides of the box in cells or blocks, which for blocks may be fractions.
+    /// per axis. `sides`: lengths of the box's sides in cells or blocks; a length in blocks may be a fraction.
     fn new(bits: &'a [u8], resolution: [u16; 3], sides: [f32; 3], bounds: &SceneBox, ray: &Ray) -> Self {
         let scale = Vec3::from(sides) / (bounds.max - bounds.min);
         Self {
@@ -94,8 +94,8 @@ impl<'a> Lookup<'a> {
         }
     }
 
-    /// Looks up the occupancy of sixteen points of the ray, as bits. Bit `i` of the result is that of the point at
-    /// `t = first + (base + i) step`. For a point outside the box, the nearest cell is read.
+    /// Looks up the occupancy of sixteen points of the ray. Bit `i` of the result is the occupancy of point `i`, which
+    /// is at `t = first + (base + i) step`. For a point outside the box, the nearest cell is read.
     #[inline(always)]
     fn live(&self, first: f32, step: f32, base: u32) -> u32 {
         let [_, ny, nz] = self.resolution;
@@ -125,7 +125,8 @@ fn first_bits(count: u32) -> u32 {
 }
 
 /// Ray march in a bounded scene. Appends to `positions` the points of `ray` in occupied cells, at `t = first + i step`
-/// for `i < count`. All points must be inside the box. A point on a face between two cells may count as in either.
+/// for `i < count`. All points must be inside the box. A point on the face between two cells may be assigned to either
+/// cell.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,

@@ -37,8 +37,8 @@ pub struct RayBank<'d> {
     /// Indices, among the pixels of all views, of the pixels that batches are drawn from. They are unmasked and, if
     /// photographs show what is foreground, near the foreground. `None`: batches are drawn from all pixels.
     drawn: Option<Vec<u32>>,
-    /// For each view, the indices of its unmasked pixels; `None` if the view has no mask. Used if batches draw a view
-    /// first, and then a pixel of this view; otherwise the outer list is empty.
+    /// For each view, the indices of its unmasked pixels; `None` if the view has no mask. The outer list is empty
+    /// unless batches draw a view first, and then a pixel of this view.
     unmasked: Vec<Option<Vec<u32>>>,
     background: Background,
     bins: Bins,
@@ -140,8 +140,8 @@ impl<'d> RayBank<'d> {
         self.sights.get(scale(bits, self.sights.len() as u64) as usize)
     }
 
-    /// Returns the view and pixel indices of the line of pixels to which ray `index` belongs; `None` if the ray belongs
-    /// to no line.
+    /// Returns the line of pixels to which ray `index` belongs: index of the view, and indices of [`LINE`] equally
+    /// spaced pixels in a row or column of this view. `None` if the ray belongs to no line.
     fn line(&self, step: u64, index: u64, rays: usize) -> Option<(usize, [usize; LINE])> {
         let first = index - index % LINE as u64;
         let on_lines = rays_on_lines(rays / SIGHT_SHARE, rays);
@@ -354,7 +354,8 @@ impl<'d> RayBank<'d> {
         }
     }
 
-    /// Iterates over rays `range` of a step's `rays` rays. Items: ray index, (view, pixel), ray, entry for a batch.
+    /// Iterates over the rays with indices `range`, of the `rays` rays of a step. Each item holds the ray's index, the
+    /// indices of its view and pixel, the ray, and its entry for a batch.
     fn targets(
         &self,
         step: u64,

@@ -10,8 +10,8 @@ use std::borrow::Cow;
 
 pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"));
 
-/// Least optical thickness of occupied cells in the exported grid, over one march step. Training uses lower values in
-/// bounded scenes: the exported grid leaves out thin fog, so that views take a fifth less time at the same PSNR.
+/// Least optical thickness of an occupied cell in the exported grid, over one march step. Training in bounded scenes
+/// uses lower values. The exported grid thus leaves out thin fog: rendering takes a fifth less time at the same PSNR.
 const EXPORTED: f32 = 0.1;
 /// Value in place of [`EXPORTED`] if the photographs contradict each other. Without the thin fog in such fields, PSNR
 /// falls by 0.2 dB.
@@ -23,7 +23,7 @@ pub struct Candidate {
     pub step: u32,
     /// Network parameters in the order of export, not yet rounded; the average over steps if the run keeps one.
     pub parameters: Vec<f32>,
-    /// Occupancy grid; at the end of a run, after a last update of its cells.
+    /// Occupancy grid. At the end of a run, the cells have been evaluated a last time.
     pub live: OccupiedCells,
     /// Architecture to export if the direction input was removed; `None`: the trained architecture is exported.
     pub architecture: Option<Architecture>,
@@ -40,9 +40,9 @@ pub struct About<'a> {
 }
 
 impl Candidate {
-    /// Copies the present state of the run. `settle`, used at the end of a run: evaluates the occupancy grid's cells a
-    /// last time and, in an unbounded scene, empties cells in which no sample had enough compositing weight. Without a
-    /// learned feature grid, occupancy cells are evaluated even if `settle` is false.
+    /// Copies the present state of the run. `settle`: whether to evaluate the cells of the occupancy grid a last time
+    /// and, in an unbounded scene, to empty cells in which no sample had enough compositing weight; true at the end of
+    /// a run. Without a learned feature grid, the cells are evaluated even if `settle` is false.
     pub fn of(trainer: &Trainer<'_>, settle: bool) -> Self {
         let averaged = trainer.state.average.values().map(Cow::Borrowed);
         let parameters = averaged.unwrap_or_else(|| trainer.engine.parameters());

@@ -45,8 +45,9 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: the data set's constant colour; otherwise black or, in an unbounded scene of
-    /// unknown background, the mean colour of the photographs. This mean shows only where no photograph saw anything.
+    /// Background colour, display-encoded: the data set's constant colour, if there is one; otherwise black. Exception:
+    /// in an unbounded scene of unknown background, the colour is the mean colour of the photographs. This mean colour
+    /// shows only in space that no photograph saw.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
@@ -57,7 +58,7 @@ pub struct Trainer<'d> {
     engine: Box<dyn Engine>,
     pub(crate) state: State,
     batch: Batch,
-    /// Lines of sight from the training cameras to sparse points; `None` in a bounded scene or without such lines.
+    /// Lines of sight from the training cameras to sparse points; `None` if there are none, or in a bounded scene.
     pub(crate) sights: Option<Sights>,
     cells: Option<MarchCells>,
     /// Ray march and batch of the next step, filled during the present step. `None`: the batch is not filled.

@@ -4,8 +4,9 @@ use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
 use crate::data::cameras::geometry::outer;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Block of the normal equations that couples one pose or device with one point: a row per parameter of the pose or
-/// device, a column per coordinate of the point. A device has fewer parameters than a pose: its last rows are 0.
+/// Block of the normal equations that couples one pose or device with one point. A block has a row per parameter of the
+/// pose or device, and a column per coordinate of the point. The last rows of a device's block are 0, because a device
+/// has fewer parameters than a pose.
 type Block = [DVec3; POSE];
 
 /// Derivatives of a residual with respect to the parameters of one pose or device. First comes the index of the first
@@ -23,7 +24,8 @@ pub(super) struct Reduced<'a> {
 }
 
 struct Point {
-    /// Index of the first parameter, and [`Block`] with this point, of each pose and device that sees the point.
+    /// For each pose and device that sees this point: index of its first parameter, and the [`Block`] that couples it
+    /// with this point.
     blocks: Vec<(usize, Block)>,
     inverse: DMat3,
     right: DVec3,

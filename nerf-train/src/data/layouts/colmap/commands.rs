@@ -160,7 +160,8 @@ fn mapper(images: &Path, database: &Path, models: &Path) -> Stage {
     Stage { name: "mapper", options, optional: Vec::new() }
 }
 
-/// Makes the three commands for a user to run by hand on `images`. `one_camera`: whether one camera took all of them.
+/// Makes the three commands for a user to run by hand. `images`: folder of photographs. `one_camera`: whether one
+/// camera took all photographs.
 pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera: bool) -> [Stage; 3] {
     [extraction(images, database, one_camera), matcher(database, false), mapper(images, database, models)]
 }

@@ -20,7 +20,7 @@ use nerf_core::camera::Pose;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-/// Maximum number of sparse points kept. Whenever there are more, every second point is dropped.
+/// Maximum number of sparse points in a data set. Whenever there are more, every second point is removed.
 const MAX_POINTS: usize = 1 << 20;
 
 struct Registered {
@@ -149,8 +149,8 @@ fn kinds(cameras: &HashMap<u32, Camera>) -> String {
     names.join(", ")
 }
 
-/// Returns folder and encoding of the reconstruction with the most photographs, the first of several. Fails if there is
-/// none.
+/// Returns folder and encoding of the reconstruction with the most photographs; the first one if several have equally
+/// many. Fails if there is no reconstruction.
 fn largest(folder: &Path, found: &mut Found) -> Result<(PathBuf, Encoding), DatasetError> {
     let mut counted = Vec::new();
     for (model, encoding) in models(folder) {
@@ -243,7 +243,7 @@ struct Points {
     origin: DVec3,
     /// Sparse points that were kept, each with its `POINT3D_ID`.
     kept: Vec<(u64, SparsePoint)>,
-    /// Interval between kept points among the file's points that photographs see: 1, 2, 4, ….
+    /// Interval between the points in `kept`, counted in points of the file that photographs see: 1, 2, 4, ….
     stride: usize,
     seen: usize,
     unseen: usize,

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-/// Maximum length of a line, bytes: three times the line of a photograph with a million points.
+/// Maximum length of a line, bytes. This is three times the length of a line with a million key points.
 const MAX_LINE: u64 = 256 << 20;
 
 struct Lines {

@@ -89,8 +89,8 @@ impl Place<'_> {
         }
     }
 
-    /// Returns the view's lens. In polynomial models, k4 is nerfstudio's coefficient of r^8, which [`Lens`] lacks. A k4
-    /// that shifts the farthest corner by at most half a pixel is dropped, with a note; a larger k4 is an error.
+    /// Returns the view's lens. In polynomial models, k4 is nerfstudio's coefficient of r^8, which [`Lens`] lacks. If
+    /// k4 shifts the farthest corner by at most half a pixel, k4 is ignored, with a note. A larger k4 is an error.
     fn lens(
         &self,
         fields: &CameraFields,

@@ -74,7 +74,7 @@ struct CameraFields {
 /// Values of `camera_model` that select polynomial distortion, or fisheye distortion if the field `is_fisheye` is true.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Largest shift of the farthest corner, pixels, at which a polynomial lens's k4 is dropped. A larger shift is an
+/// Maximum shift of the farthest corner, pixels, at which the k4 of a polynomial lens is ignored. A larger shift is an
 /// error.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
@@ -201,8 +201,9 @@ impl Transforms {
 /// Maximum size, bytes, of a file that is searched for NaN and Infinity after a parse error.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
-/// Makes the error that names the first frame and field with NaN or Infinity, which programs write but JSON lacks.
-/// `None` if parsing failed for another reason. `error`: the parse error of `bytes`, the content of `file`.
+/// Makes the error that names the first frame and field with NaN or Infinity. Some programs write these values, but
+/// JSON lacks them. `None` if parsing failed for another reason, or if the file is too large to be searched. `bytes`:
+/// content of `file`. `error`: error of parsing `bytes`.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
     // A larger file is no list of photographs, and its parsed form would take many times its size in memory.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;

@@ -4,8 +4,8 @@ use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Kept samples of several rays, ray after ray, and the transmittance through all other samples. Only kept samples get
-/// colour and gradients.
+/// Kept samples of several rays, ray after ray. Only kept samples get colour and gradients. The transmittance through
+/// the samples that are not kept is stored, too.
 pub(super) struct KeptSamples {
     /// Index in the batch of each kept sample.
     pub samples: Vec<usize>,
@@ -20,9 +20,10 @@ pub(super) struct KeptSamples {
 }
 
 impl KeptSamples {
-    /// Keeps samples by compositing weight. Without `roulette`: all above `GATE`. With `roulette` (seed and step): all
-    /// above `ROULETTE_WEIGHT`, and a random choice of the others. A ray ends when its transmittance is below `T_MIN`.
-    /// `depths`: optical depth of each sample; `first`: index in the batch of the first sample.
+    /// Chooses the kept samples by compositing weight. Without `roulette`, all samples above `GATE` are kept. With
+    /// `roulette` (seed and step), all samples above `ROULETTE_WEIGHT` are kept, and a random choice of the samples
+    /// below. A ray ends when its transmittance is below `T_MIN`. `depths`: optical depth of each sample; `first`:
+    /// index in the batch of the first sample.
     pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
         let (mut counts, mut unkept) = (Vec::new(), Vec::new());
@@ -57,7 +58,8 @@ impl KeptSamples {
         Self { samples, counts, inverse, front, unkept }
     }
 
-    /// Returns each kept sample's distance from the ray's first kept sample, along the polyline of kept `positions`.
+    /// Returns each kept sample's distance from the ray's first kept sample, summed over straight lines from kept
+    /// sample to kept sample. `positions`: positions of the kept samples.
     pub fn along(&self, positions: &[[f32; 3]]) -> Vec<f32> {
         let mut along = Vec::with_capacity(positions.len());
         for &count in &self.counts {

@@ -1,8 +1,8 @@
 //! The engine of grid fields: small layers on rows of samples, tables whose gradient is scattered level by level.
 //!
-//! A step cuts its batch into chunks of rays, and adds each chunk's gradients to one of 16 accumulators. Samples whose
-//! compositing weight is at most a threshold, the gate, are left out of the colour and of the backward pass; Russian
-//! roulette keeps a random choice of them.
+//! A step cuts its batch into chunks of rays, and adds each chunk's gradients to one of 16 accumulators. Only kept
+//! samples get a colour and a backward pass: the samples whose compositing weight is above a threshold, the gate.
+//! Russian roulette also keeps a random choice of the samples of smaller weight.
 //!
 //! ```text
 //! Forward pass, 8 samples of each ray at a time; a ray ends when its transmittance is below T_MIN:
@@ -200,7 +200,8 @@ fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
-/// Returns the gradient with respect to the log gain of each of `views` photographs, summed over the photograph's rays.
+/// Returns the gradient with respect to each photograph's log gain, summed over the photograph's rays. `views`: number
+/// of photographs.
 fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0f32; 3]; views];
     for (view, gradient) in gains {

@@ -21,8 +21,8 @@ use std::time::Instant;
 pub(super) const T_MIN: f32 = 1e-3;
 /// Compositing weight up to which, without Russian roulette, a sample is neither coloured nor trained.
 pub(super) const GATE: f32 = 1e-3;
-/// Compositing weight up to which Russian roulette ([`Batch::roulette`]) keeps a sample with probability weight /
-/// `ROULETTE_WEIGHT`. A kept sample's weight is then divided by that probability.
+/// Largest compositing weight of the samples that are subject to Russian roulette ([`Batch::roulette`]). A sample is
+/// kept with probability weight / `ROULETTE_WEIGHT`. A kept sample's weight is then divided by that probability.
 pub(super) const ROULETTE_WEIGHT: f32 = 3e-3;
 
 /// Smallest display-encoded value of a photograph's channel that [`clipped_error`] treats as clipped at white.
@@ -73,7 +73,8 @@ pub(super) struct Scratch {
     by_weight: Vec<f32>,
     /// Distance of each kept sample from the kept sample before it.
     gaps: Vec<f32>,
-    /// Gradient of the loss with respect to each kept sample's raw density: first column of `[samples][VECTOR]`.
+    /// Gradient of the loss with respect to each kept sample's raw density, `[samples][VECTOR]`. Only the first column
+    /// is not 0.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -150,8 +151,9 @@ impl Scratch {
         }
     }
 
-    /// Returns the weighted sum of squared errors of `rays`. Sets `by_shown`, `by_transmittance`. Sets `by_weight` to
-    /// the gradients of distortion, smoothness and depth loss; `backward` adds the squared error's gradient.
+    /// Returns the weighted sum of squared errors of `rays`. Sets `by_shown`, `by_transmittance` and `by_weight`. The
+    /// gradient in `by_weight` is of the distortion, smoothness and depth losses; `backward` adds the squared error's
+    /// gradient.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         let read = (&self.evaluated, &self.samples);
@@ -247,8 +249,9 @@ impl Scratch {
     }
 }
 
-/// Adds dL/dw of the depth loss L of a ray to `by_weight`. Returns dL/dT for the transmittance T after the last sample.
-/// Returns 0 if the ray has no known surface. `index`, `ray`: indices of the ray in the batch and in the chunk.
+/// Adds the gradient dL/dw of a ray's depth loss L, with respect to the compositing weights, to `by_weight`. Returns
+/// dL/dT for the transmittance T after the last sample; 0 if the ray has no known surface. `index`: index of the ray in
+/// the batch; `ray`: index of the ray in the chunk.
 fn draw_to_surface(
     batch: &Batch,
     index: usize,

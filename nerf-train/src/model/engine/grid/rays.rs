@@ -19,8 +19,9 @@ pub(super) struct RayScratch {
 impl RayScratch {
     /// Appends to `found`, for each ray with kept samples, the gradient of the loss with respect to the ray.
     ///
-    /// A sample is at `p = origin + t dir`: dL/d origin is Σ dL/dp; dL/d dir is Σ t dL/dp plus the colour branch's
-    /// part. `by_encoded`: gradient with respect to the kept samples' encoded positions, `[samples][padded outputs]`.
+    /// A sample is at `p = origin + t dir`. The gradient dL/d origin is Σ dL/dp. The gradient dL/d dir is Σ t dL/dp
+    /// plus the gradient from the colour branch, which reads the direction. `by_encoded`: gradient with respect to the
+    /// kept samples' encoded positions, `[samples][padded outputs]`.
     pub fn gradients(
         &mut self,
         job: &Job<'_>,

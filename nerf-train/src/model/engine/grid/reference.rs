@@ -258,7 +258,8 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// Applies dfdx's Adam, update `step`, to the parameters in `range` whose gradient is not 0, and to their moments.
+    /// Does update number `step` of dfdx's Adam on the parameters in `range` whose gradient is not 0, and on their
+    /// moments.
     fn move_values(
         &mut self,
         range: Range<usize>,

@@ -41,8 +41,9 @@ impl Samples {
         self.hidden.last().unwrap_or(&self.encoded)
     }
 
-    /// Keeps samples by compositing weight: all above [`GATE`] or, with Russian roulette, all above [`ROULETTE_WEIGHT`]
-    /// and a random choice of the others. `first`: index in the batch of the chunk's first sample.
+    /// Chooses the kept samples by compositing weight. Without Russian roulette, all samples above [`GATE`] are kept.
+    /// With Russian roulette, all samples above [`ROULETTE_WEIGHT`] are kept, and a random choice of the samples below.
+    /// `first`: index in the batch of the chunk's first sample.
     pub fn keep(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &mut Evaluated, first: usize) {
         let stride = padded(evaluated.index_of.len());
         grow(&mut self.passed, stride);
@@ -118,8 +119,8 @@ impl Samples {
     }
 }
 
-/// Copies the rows of `from`, `[…][width]`, with the indices `rows` to the start of `to`. A `to` that is too short is
-/// enlarged.
+/// Copies some rows of `from`, `[…][width]`, to the start of `to`. If `to` is too short, it is enlarged. `rows`:
+/// indices of the rows to copy.
 fn take_rows(from: &[f32], width: usize, rows: &[u32], to: &mut Vec<f32>) {
     grow(to, padded(rows.len()) * width);
     for (to, &row) in to.chunks_exact_mut(width).zip(rows) {

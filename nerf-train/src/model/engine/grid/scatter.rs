@@ -87,8 +87,8 @@ pub(super) struct LevelState<'a> {
 pub(super) struct LevelSum {
     /// Gradient, `[entries][features]`, padded to whole parts of [`PART`] values and by one more part.
     gradient: Vec<f32>,
-    /// For each part of `gradient`: whether gradients were added to a pair of adjacent entries that begins in the part.
-    /// The pair may end in the next part.
+    /// Flag of each part of `gradient`: whether gradients were added to two adjacent entries, the first of which begins
+    /// in this part. The second entry may be in the next part.
     touched: Vec<bool>,
 }
 
@@ -111,7 +111,8 @@ impl LevelSum {
     }
 }
 
-/// Buffers of a thread. `sum`: gradient of the current level, unless the level has a [`LevelState::sum`].
+/// Buffers of a thread. `sum`: gradient of the current level. For a level with its own sum ([`LevelState::sum`]), this
+/// buffer is not needed.
 #[derive(Clone, Debug)]
 pub(super) struct LevelScratch {
     sum: LevelSum,
@@ -119,8 +120,9 @@ pub(super) struct LevelScratch {
     pub phases: Phases,
 }
 
-/// Buffers for the fields of [`GridCorners`] for a block of samples: `entry` and `weight`, `[rows][BLOCK]`; `x`,
-/// `[BLOCK]`. Each pair of cell corners that are neighbours in x has one row.
+/// Buffers for the three fields of [`GridCorners`], for a block of samples: `entry`, `weight` and `x`. Shape of `entry`
+/// and `weight`: `[rows][BLOCK]`, with one row for each pair of cell corners that are neighbours in x. Shape of `x`:
+/// `[BLOCK]`.
 type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {
@@ -187,7 +189,8 @@ impl LevelSum {
     }
 }
 
-/// Adds the gradients `rows`, `[samples][width]`, times interpolation weights, to the gradients of the entries `entry`.
+/// Adds the samples' gradients, multiplied by interpolation weights, to the gradients of the entries `entry`. `rows`:
+/// gradients of the samples, `[samples][width]`.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],

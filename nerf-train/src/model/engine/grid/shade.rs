@@ -69,8 +69,9 @@ impl Shade {
         Self { coloured: vec![Vec::new(); layers.colour.len()], ..Self::default() }
     }
 
-    /// Adds the gradients of the colour branch's weights to `sums`. Replaces `self.upper`, the gradient with respect to
-    /// the branch's output before the sigmoid, by dL/dP. `by_rays`: whether to set `self.by_encoded_dir`, too.
+    /// Does the colour branch's backward pass, and adds the gradients of the branch's weights to `sums`. Before,
+    /// `self.upper` is the gradient with respect to the branch's output before the sigmoid; afterwards, it is dL/dP. If
+    /// `by_rays`, `self.by_encoded_dir` is set, too.
     fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {

@@ -1,4 +1,4 @@
-//! Smoothness loss: along lines of pixels of similar colour, penalises disparities that differ from those of a plane.
+//! Smoothness loss: penalises disparities that do not fit a plane, along lines of pixels of similar colour.
 //!
 //! Disparity is 1 / distance along a ray, in inverse radii of the uncontracted ball. The directions of three rays from
 //! one camera whose pixels lie on a line satisfy `a dir_0 − b dir_1 + c dir_2 = 0`. If the rays meet a plane, disparity

@@ -11,8 +11,8 @@ use anyhow::bail;
 use glam::Vec3;
 use nerf_core::camera::Camera;
 
-/// Limit on the total number of samples in the `own_rays` of all cameras: about a megabyte of the page. Each camera
-/// may have four rays even beyond the limit.
+/// Limit on the total number of samples in the `own_rays` of all cameras. This many samples take about a megabyte of
+/// the page. Each camera may have four rays even if the limit is exceeded.
 const OWN_SAMPLES: usize = 300_000;
 /// Length of the drawn rays of an unbounded scene, in radii of the inner ball, which is not contracted.
 const SHOWN_RADII: f32 = 2.0;
@@ -75,7 +75,8 @@ pub struct Axes {
 
 impl Scene {
     /// Creates the scene with the requested cameras, and with the rays that the training step would draw. The samples
-    /// of the rays are tested against the occupancy grid that training starts with. Fails without the requested views.
+    /// of the rays are tested against the occupancy grid that training starts with. Fails if the requested split has no
+    /// views, or if the requested camera does not exist.
     pub fn new(dataset: &Dataset, config: &Config, request: &Request<'_>) -> anyhow::Result<Self> {
         let Request { views, split, step, .. } = *request;
         if views.is_empty() {
@@ -128,7 +129,8 @@ impl Scene {
         Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes, findings })
     }
 
-    /// Returns the outline of the scene box or, if the scene is unbounded, of the inner ball: polylines, world units.
+    /// Returns an outline as polylines, world units. The outline is that of the scene box; in an unbounded scene, the
+    /// outline is that of the inner ball.
     pub fn outline(&self) -> Vec<Vec<Vec3>> {
         const EDGE: usize = 8;
         const CIRCLE: usize = 64;
@@ -173,8 +175,9 @@ impl Scene {
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Returns the range of `t`, the distance along a ray, that the colours cover, world units: from smallest to
-    /// largest `t` of samples in occupied cells or, without two different values, from near to far of `self.bounds`.
+    /// Returns the range of the colour map: the smallest and the largest `t` of all samples in occupied cells. `t` is
+    /// the distance along a ray, world units. If there are no two different values of `t`, the range is from near to
+    /// far of `self.bounds`.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =

@@ -14,8 +14,8 @@ pub use beside::front_of;
 use serde::Serialize;
 use std::path::Path;
 
-/// Largest loss of PSNR, dB, at which a point counts for the span of a Pareto front. The span is the speed-up of the
-/// fastest such point. Loss and speed-up are relative to the exact rendering.
+/// Largest loss of PSNR, dB, of a point that may set the span of a Pareto front. The span is the speed-up of the
+/// fastest point within this loss. Loss and speed-up are relative to the exact rendering.
 pub const SPAN_LOSS_DB: f64 = 1.0;
 
 /// Data, machine and duration of a study, for its report.

@@ -26,8 +26,8 @@ pub(super) struct Shared {
     pub(super) moved: [f64; 2],
     /// For each camera: width and height in pixels, and the parameters of COLMAP's camera model `OPENCV`.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
-    /// Pose and camera of each photograph, by name: index in `cameras`, then rotation (w, x, y, z) and translation,
-    /// world to camera.
+    /// For each photograph, by name: index in `cameras`, and world-to-camera pose. The pose consists of the rotation
+    /// (w, x, y, z) and the translation.
     pub(super) photographs: BTreeMap<String, (u32, [f64; 4], [f64; 3])>,
     /// For each point: `POINT3D_ID`, position, and mean reprojection error in pixels.
     pub(super) points: Vec<(u64, [f64; 3], f64)>,
@@ -42,8 +42,8 @@ pub(super) struct Adjusted {
     pub(super) focal: f64,
 }
 
-/// Returns `origin` rotated by a camera's world-to-camera rotation (w, x, y, z). The sum of the camera's
-/// world-to-camera translation and this result is the translation for coordinates relative to `origin`.
+/// Returns `origin` rotated by a camera's world-to-camera rotation (w, x, y, z). Adding the result to the camera's
+/// translation gives the translation for coordinates relative to `origin`.
 pub(super) fn turned_origin([w, x, y, z]: [f64; 4], origin: DVec3) -> DVec3 {
     DQuat::from_xyzw(x, y, z, w).normalize() * origin
 }

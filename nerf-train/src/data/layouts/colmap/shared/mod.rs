@@ -129,7 +129,8 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Prepares the adjustment; `None` without points in several photographs, or if a pose or lens cannot be adjusted.
+    /// Prepares the adjustment. `None` if no point is seen in several photographs, or if a pose or lens cannot be
+    /// adjusted.
     fn of(
         model: &'a Model,
         points: &Points,

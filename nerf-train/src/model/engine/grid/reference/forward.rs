@@ -79,7 +79,7 @@ pub(super) fn trunk<T: Tape<f32, Cpu>>(
     Ok(h)
 }
 
-/// Returns sigma of each sample from the trunk's output `h`, recorded on a new tape; an error in a 2D field.
+/// Returns sigma of each sample, recorded on a new tape. `h`: output of the trunk. Fails for a 2D field.
 pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Result<Vector<T>, EngineError> {
     let density = network.layers.iter().find(|(d, _)| d.part == Part::Density);
     let (_, weights) = density.ok_or(EngineError::NoDensity)?;
@@ -88,7 +88,8 @@ pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Re
     Ok(raw.try_reshape_like(&(samples,))?.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?)
 }
 
-/// Returns the colours, `[rows][3]`, of rows of features `h` seen in directions `dirs`; recorded on a new tape.
+/// Returns the colours, `[rows][3]`, recorded on a new tape. `h`: features of each row; `dirs`: viewing direction of
+/// each row.
 pub(super) fn colour(
     engine: &GridReferenceEngine,
     network: &Network,
@@ -124,7 +125,8 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// Returns entry index among all levels and trilinear weight of each corner of the cell around `unit` ∈ [0, 1]³.
+/// Returns two values for each corner of the cell around `unit` ∈ [0, 1]³: the index of the corner's entry among the
+/// entries of all levels, and the corner's trilinear weight.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;
