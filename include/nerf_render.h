@@ -310,8 +310,9 @@ enum nerf_lens_model
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
     /**
-     * Perspective camera with the distortion of OpenCV. COLMAP's model OPENCV has the coefficients `k1 k2 p1 p2`, its
-     * model FULL_OPENCV all eight. `k4 k5 k6` are in the denominator of the radial factor.
+     * Perspective camera with the distortion of OpenCV. COLMAP's model OPENCV has the coefficients `k1 k2 p1 p2`.
+     * COLMAP's model FULL_OPENCV has all eight coefficients, `k1` to `k6`, `p1` and `p2`. `k4 k5 k6` are in the
+     * denominator of the radial factor.
      */
     NERF_LENS_MODEL_RADIAL_TANGENTIAL = 0,
     /**
@@ -891,7 +892,7 @@ typedef struct nerf_instance {
  */
 typedef struct nerf_effects {
     /**
-     * 1: each sample lies at a random position in its sample interval, drawn from `seed`. 0: in the interval's middle.
+     * 1: each sample lies at a random position in its interval, drawn from `seed`. 0: in the middle of its interval.
      */
     uint32_t jitter;
     /**
@@ -1024,7 +1025,8 @@ typedef struct nerf_render_options {
 } nerf_render_options;
 
 /**
- * A request to open a worker. The library reads the request only during the call. The worker borrows the scenes.
+ * A request to open a worker. The library reads the request only during the call. The scenes that the request names
+ * must stay open until the worker is closed.
  */
 typedef struct nerf_request {
     /**
@@ -1084,8 +1086,9 @@ typedef struct nerf_rect {
 } nerf_rect;
 
 /**
- * One plane of a target, in the caller's memory: one output, or the distances at which rays end. The first pixel is
- * the top left pixel of the **rendered rectangle**, not of the image. For rays and points, a plane has one row.
+ * A plane of a target: a buffer in the caller's memory with one value or vector per pixel. An output plane receives
+ * one output. A plane of limits contains the distances at which rays end. The first pixel is the top left pixel of the
+ * **rendered rectangle**, not of the image. For rays and points, a plane has one row.
  */
 typedef struct nerf_plane {
     /**
@@ -1116,9 +1119,9 @@ typedef struct nerf_plane {
  * An output plane with `data` NULL is not computed, and takes no memory. Planes may be interleaved as channels of one
  * structure: bytes between pixels are never touched. Output planes must not share a byte (`NERF_STATUS_OVERLAP`).
  *
- * A pixel without a surface (opacity 1e-4 or less) gets the distance `far`, the smallest of three: the pixel's limit
- * along its ray; `far_distance` of the options, unless that is 0; and a bound, computed from the scene's extent, on
- * the distance from the camera to any visible point.
+ * A pixel without a surface (opacity 1e-4 or less) gets the distance `far`, which is the smallest of three values. The
+ * first is the pixel's limit along its ray. The second is `far_distance` of the options, ignored if 0. The third is an
+ * upper bound, computed from the scene's extent, on the distance from the camera to any visible point.
  */
 typedef struct nerf_target {
     /**
@@ -1155,9 +1158,9 @@ typedef struct nerf_target {
      */
     struct nerf_plane normals;
     /**
-     * Input, `data` NULL for none: distance along each pixel's ray at which the ray ends, world units, for example the
-     * distance to a surface that the host has traced. Infinity or NaN: no limit for this pixel. A limit cuts the
-     * sample interval that contains the limit, so edges are smooth. Samples behind a limit are not evaluated.
+     * Input: distance along each pixel's ray at which the ray ends, world units, for example the distance to a surface
+     * that the host has traced. `data` is NULL for no limits. Infinity or NaN: no limit for this pixel. A limit cuts
+     * the sample interval that contains the limit, so edges are smooth. Samples behind a limit are not evaluated.
      */
     struct nerf_plane limit_ray_distance;
     /**
@@ -1303,10 +1306,11 @@ typedef struct nerf_rays {
      */
     struct nerf_floats dirs;
     /**
-     * Distance along each ray at which visibility begins, world units, at least 0; `data` NULL for 0. In a scene with
-     * a fixed step in a box (`step` of `nerf_scene_info` is not 0, `contraction_radius` is 0), the first sample
-     * interval begins at `t_min` or where the ray enters the box, whichever is farther: changing `t_min` can move all
-     * samples. In every other scene, `t_min` moves no sample, but cuts the sample interval that contains `t_min`.
+     * Distance along each ray at which visibility begins, world units, at least 0; `data` NULL for 0. In a bounded
+     * scene with a fixed step, a change of `t_min` can move all samples: the first sample interval begins at `t_min`
+     * or where the ray enters the box, whichever is farther. These are the scenes whose `nerf_scene_info` has a `step`
+     * other than 0 and a `contraction_radius` of 0. In every other scene, `t_min` moves no sample, but cuts the sample
+     * interval that contains `t_min`.
      */
     struct nerf_floats t_min;
     /**
@@ -1354,8 +1358,8 @@ typedef struct nerf_points {
      */
     struct nerf_floats dirs;
     /**
-     * Plane for the density of each point, per world unit, `NERF_FORMAT_F32`: one row of `count` pixels; `row_stride`
-     * is ignored.
+     * Plane for the density of each point, 1/world unit. The format is `NERF_FORMAT_F32`. The plane has one row of
+     * `count` pixels; `row_stride` is ignored.
      */
     struct nerf_plane sigma;
     /**
@@ -1396,7 +1400,8 @@ typedef struct nerf_pace_request {
      */
     uint32_t outputs;
     /**
-     * Limit, milliseconds per frame. Pareto points are measured cheapest first, up to the first one above it.
+     * Limit, milliseconds per frame. Pareto points are measured in order of rising cost. Measuring ends after the
+     * first point with a time above the limit.
      */
     float limit_milliseconds;
     /**
@@ -1610,7 +1615,7 @@ nerf_status nerf_worker_size(const struct nerf_request *request,
                              size_t message_capacity);
 
 /**
- * Opens a worker in the caller's memory. Checks the request and lays out the memory, which later calls do not repeat.
+ * Opens a worker in the caller's memory. Checks the request and lays out the memory once; later calls repeat neither.
  *
  * The worker borrows `memory` and the scenes: the caller must not move or change these while the worker is used. Each
  * thread needs a worker of its own. `memory` must have at least the size and alignment from `nerf_worker_size`, and
@@ -1674,10 +1679,11 @@ nerf_status nerf_render_picture(struct nerf_worker *worker,
  * Renders the caller's own rays: ray i is pixel i of the target.
  *
  * A ray may begin outside, inside or behind the scene. A ray with an opacity of at most 1e-4 counts as meeting no
- * surface. The distances of this ray are then the smallest of three: `t_max`; `far_distance` of the options, unless
- * `far_distance` is 0; and a bound, computed from the scene's extent, on the distance from the ray's origin to any
- * visible point. Without jitter, the rays of a camera's pixels give the camera's image, bit for bit. For shadow rays,
- * render the opacity alone, which is less work: the opacity is the same with and without other planes.
+ * surface. The distances of this ray are then the smallest of three values. The first is `t_max`. The second is
+ * `far_distance` of the options, ignored if 0. The third is an upper bound, computed from the scene's extent, on the
+ * distance from the ray's origin to any visible point. Without jitter, the rays of a camera's pixels give the camera's
+ * image, bit for bit. For shadow rays, render the opacity alone, which is less work: the opacity is the same with and
+ * without other planes.
  *
  * All rays are checked before the first result is written. Returns `NERF_STATUS_RAY` if `random` is set, or if a
  * ray has an origin that is not finite, a direction that is not of unit length, or a `t_min` that is infinite, below 0
@@ -1704,10 +1710,11 @@ nerf_status nerf_render_rays(struct nerf_worker *worker,
  * options are ignored. A number outside [0, 1] gives `NERF_STATUS_RAY`. All else is as in `nerf_render_rays`.
  *
  * If a ray is sampled often, with uniform random numbers, the means converge to the results of `nerf_render_rays`
- * without cuts. Opacity and colour are averaged over all results, distance and normal over the results with a
- * collision; the mean distance agrees to within one sample interval, the mean normal in direction. The mean colour of
- * a scene with deferred shading differs: `nerf_render_rays` evaluates the colour branch once per ray from composited
- * features, `nerf_sample_rays` at the collision's sample alone.
+ * without cuts. Opacity and colour are averaged over all results. Distance and normal are averaged over the results
+ * with a collision. The mean distance equals the rendered distance to within one sample interval. The mean normal has
+ * the direction of the rendered normal. In a scene with deferred shading, the mean colour differs from the rendered
+ * colour: `nerf_render_rays` evaluates the colour branch once per ray, from composited features; `nerf_sample_rays`
+ * evaluates the branch at the collision's sample alone.
  *
  * # Safety
  * Pointers are NULL or point to what `nerf_render_rays` describes. The caller has not freed, moved or overwritten the
@@ -1854,11 +1861,15 @@ nerf_status nerf_quality_point(const struct nerf_scene *scene,
 /**
  * Writes to `options` the cheapest settings that lose no more PSNR than `preset`, a `nerf_preset`, allows.
  *
- * If every point of the scene's Pareto front loses more, writes the settings of the exact rendering. For a scene
- * without a Pareto front, writes fixed settings, whose loss in the scene is unknown (in brackets: loss in one test
- * scene). EXACT: the exact rendering. HIGH: the default options. BALANCED: transmittance cut 0.03, colour cut 0.03
- * (0.05 dB). FAST: transmittance cut 0.1, colour cut 0.03 (0.2 dB). PREVIEW: transmittance cut 0.1, colour cut 0.1,
- * four fifths of the scene's samples (0.9 dB).
+ * If every point of the scene's Pareto front loses more, writes the settings of the exact rendering.
+ *
+ * For every scene without a Pareto front, writes the fixed settings of the following list. Their loss in such a scene
+ * is unknown; the losses in the list were measured in one test scene.
+ * - EXACT: the exact rendering.
+ * - HIGH: the default options.
+ * - BALANCED: transmittance cut 0.03, colour cut 0.03; loss 0.05 dB.
+ * - FAST: transmittance cut 0.1, colour cut 0.03; loss 0.2 dB.
+ * - PREVIEW: transmittance cut 0.1, colour cut 0.1, four fifths of the scene's samples; loss 0.9 dB.
  *
  * `options`: the caller sets `struct_size`; only the quality settings are replaced. `message`: NULL, or a buffer for
  * an error message.
