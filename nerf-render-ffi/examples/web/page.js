@@ -159,7 +159,7 @@ async function start() {
   const { info } = picture;
   body.dataset.kernel = info.kernel;
   element('facts').textContent = `${info.data}: ${info.parameters} parameters, trunk ${info.trunk_widths
-    .slice(0, info.trunk_layers).join('-')}, ${info.samples} ${info.step > 0 ? 'march steps at most' : 'samples a ray'}, kernel ${info.kernel}`;
+    .slice(0, info.trunk_layers).join('-')}, ${info.samples} ${info.step > 0 ? 'march steps' : 'samples a ray'}, kernel ${info.kernel}`;
   connect();
   actions.show(scene.output);
   await readPhotographs();
