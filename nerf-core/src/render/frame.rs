@@ -77,7 +77,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         let tile = &mut self.tile;
         tile.rays.start::<M, COLLIDE>(pixels, source, target);
         if tile.rays.samples.is_on() {
-            propose::<M>(self.proposer, tile, pixels, source, target);
+            propose::<M>(self.proposer, tile, pixels, target);
         }
         let (field, counters, hits) = (tile.field, &mut pixels.counters, tile.rays.hits);
         tile.surface.begin(hits);
@@ -95,7 +95,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         for (i, state) in head(tile.rays.states, hits).iter().enumerate() {
             let skipped = field.plan.samples_per_ray().saturating_sub(state.kept);
             pixels.counters.samples_skipped += u64::from(skipped);
-            pixels.finish::<M>(&state.pixel, Some((&tile.surface, i)), source, target);
+            pixels.finish::<M>(&state.pixel, Some((&tile.surface, i)), target);
         }
     }
 

@@ -180,7 +180,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             }
         }
         for (i, front) in self.world.iter().enumerate().take(count) {
-            pixels.finish::<M>(&front.pixel, Some((&self.surface, i)), source, target);
+            pixels.finish::<M>(&front.pixel, Some((&self.surface, i)), target);
         }
     }
 
@@ -202,6 +202,7 @@ impl<'f, 'w> Merge<'f, 'w> {
         }
         let start = if start == f32::INFINITY { 0.0 } else { start };
         let gathered = if COLLIDE { Accumulator::until(source.until(x)) } else { Accumulator::NONE };
+        let range = [range[0], range[1].min(source.far(&ray))];
         let pixel = PixelRay { ray, start, range, x, y, done: false, gathered };
         put(self.world, i, WorldRay { pixel, ..WorldRay::NONE });
         for member in 0..self.instances.len() {

@@ -116,8 +116,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
         pixels.counters.rays += rays.len() as u64;
         let Some(intervals) = packets.intervals_of(isa, rays) else {
-            for (pixel, &end) in part.pixels().zip(&ranges[1]) {
-                pixels.miss::<M>(pixel, end, source, target);
+            for ((pixel, ray), end) in part.pixels().zip(rays).zip(ranges[1]) {
+                pixels.miss::<M>(pixel, source.far(ray).min(end), target);
             }
             return;
         };
@@ -132,7 +132,7 @@ impl<'f, 'w> Rays<'f, 'w> {
                 put(&mut list, count, (hits + count) as u32);
                 count += 1;
             } else {
-                pixels.miss::<M>(pixel, range[1], source, target);
+                pixels.miss::<M>(pixel, state.pixel.range[1], target);
             }
         }
         let list = head(&list, count);
@@ -147,7 +147,7 @@ impl<'f, 'w> Rays<'f, 'w> {
                 hits += 1;
             } else {
                 let PixelRay { x, y, range, .. } = state.pixel;
-                pixels.miss::<M>((x, y), range[1], source, target);
+                pixels.miss::<M>((x, y), range[1], target);
             }
         }
         self.hits = hits;
@@ -172,7 +172,9 @@ impl<'f, 'w> Rays<'f, 'w> {
             Some(Some(packets)) => packets.intervals_of(isa, core::slice::from_ref(&ray)),
             _ => Some(Intervals::ALL),
         };
-        let Some(intervals) = intervals else { return pixels.miss::<M>(pixel, range[1], source, target) };
+        let Some(intervals) = intervals else {
+            return pixels.miss::<M>(pixel, source.far(&ray).min(range[1]), target);
+        };
         let Some(state) = self.states.get_mut(self.hits) else { return };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         // Cells outside of `around` are empty. Most rays of most images miss `around` and have no span.
@@ -190,7 +192,7 @@ impl<'f, 'w> Rays<'f, 'w> {
             self.hits += 1;
         } else {
             pixels.counters.samples_skipped += u64::from(plan.samples_per_ray());
-            pixels.finish::<M>(&state.pixel, None, source, target);
+            pixels.finish::<M>(&state.pixel, None, target);
         }
     }
 
@@ -251,7 +253,7 @@ fn begin<const COLLIDE: bool>(
     source: &impl RaySource,
     state: &mut RayState,
 ) {
-    state.begin(pixel, ray, range, span);
+    state.begin(pixel, ray, [range[0], range[1].min(source.far(&ray))], span);
     if COLLIDE {
         state.pixel.gathered = Accumulator::until(source.until(pixel.0));
     }

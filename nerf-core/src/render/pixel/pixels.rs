@@ -3,7 +3,7 @@
 use super::anti_aliasing::Sums;
 use super::placed::Placed;
 use super::tone;
-use super::{Medians, PixelRay, RaySource, Rect, Surface, Target};
+use super::{Medians, PixelRay, Rect, Surface, Target};
 use crate::math::Math;
 use crate::memory::Layout;
 use crate::plan::Plan;
@@ -48,10 +48,9 @@ impl<'f, 'w> Pixels<'f, 'w> {
         &mut self,
         ray: &PixelRay,
         hit: Option<(&Surface<'_>, usize)>,
-        source: &impl RaySource,
         target: &mut impl Target,
     ) {
-        let far = source.far(ray.x).min(ray.range[1]);
+        let [_, far] = ray.range;
         let cosine = ray.ray.dir.dot(self.forward);
         let background = self.background::<M>();
         let mut seen = ray.gathered.finish_from(ray.start, ray.done, background, far, cosine);
@@ -63,17 +62,9 @@ impl<'f, 'w> Pixels<'f, 'w> {
         self.put::<M>((ray.x, ray.y), seen, far, target);
     }
 
-    /// Adds the result of a ray without samples to pixel `(x, y)`. `end`: the ray's farthest visible distance, world
-    /// units.
-    pub fn miss<M: Math>(
-        &mut self,
-        (x, y): (u32, u32),
-        end: f32,
-        source: &impl RaySource,
-        target: &mut impl Target,
-    ) {
+    /// Adds the result of a ray without samples to pixel `(x, y)`. `far`: distance, world units, that is output.
+    pub fn miss<M: Math>(&mut self, (x, y): (u32, u32), far: f32, target: &mut impl Target) {
         self.counters.samples_skipped += u64::from(self.plan.samples_per_ray());
-        let far = source.far(x).min(end);
         let median_distance = self.median_of_missed(far);
         let rgb = self.background::<M>();
         let seen = Pixel { rgb, ray_distance: far, z_depth: far, median_distance, ..Pixel::BLANK };

@@ -33,10 +33,9 @@ pub(in crate::render) trait RaySource {
     }
     /// Returns the nearest and the farthest visible distance along `ray`, the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
-    /// Returns the far distance of the pixel in column `x`, world units. If the pixel shows no surface, the caller
-    /// outputs this distance or the ray's farthest visible distance, whichever is smaller. [`OwnRays`] finds the
-    /// pixel's ray by the column.
-    fn far(&self, x: u32) -> f32;
+    /// Returns the far distance of a pixel's `ray`, world units. If the pixel shows no surface, the caller outputs this
+    /// distance or the ray's farthest visible distance, whichever is smaller.
+    fn far(&self, ray: &Ray) -> f32;
     /// Returns the optical thickness at which the photon of column `x`'s ray collides; infinity without collisions.
     fn until(&self, _x: u32) -> f32 {
         f32::INFINITY
@@ -84,7 +83,7 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
         [0.0, (self.limit)(x, y).along(ray, self.forward)]
     }
 
-    fn far(&self, _: u32) -> f32 {
+    fn far(&self, _: &Ray) -> f32 {
         self.far
     }
 }
@@ -115,8 +114,8 @@ impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySou
         [t_min, t_max]
     }
 
-    fn far(&self, x: u32) -> f32 {
-        (self.far)(self.ray(x, 0).origin)
+    fn far(&self, ray: &Ray) -> f32 {
+        (self.far)(ray.origin)
     }
 
     fn until(&self, x: u32) -> f32 {
@@ -178,7 +177,8 @@ pub(in crate::render) struct PixelRay {
     pub ray: Ray,
     /// Distance, world units, from the ray's original origin to the point from which sample distances are counted.
     pub start: f32,
-    /// Nearest and farthest visible distance, world units from the ray's original origin.
+    /// Nearest visible distance, and the distance that is output if the ray meets no surface: the smaller of the
+    /// ray's farthest visible distance and [`RaySource::far`]. World units from the ray's original origin.
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,

@@ -13,7 +13,7 @@ use crate::memory::{at, put};
 use crate::network::{Network, Role, Weights};
 use crate::plan::Plan;
 use crate::render::march::PROPOSAL_BUILT;
-use crate::render::pixel::{Pixels, RaySource, Target};
+use crate::render::pixel::{Pixels, Target};
 use crate::sampling::SampleJitter;
 use crate::volume::Accumulator;
 
@@ -87,7 +87,6 @@ pub(in crate::render) fn propose<M: Math>(
     proposer: &Proposer<'_>,
     TileState { field, rays, density, .. }: &mut TileState<'_, '_>,
     pixels: &mut Pixels<'_, '_>,
-    source: &impl RaySource,
     target: &mut impl Target,
 ) {
     let (field, plan, hits) = (*field, field.plan, rays.hits);
@@ -144,7 +143,7 @@ pub(in crate::render) fn propose<M: Math>(
             left += 1;
         } else {
             pixels.counters.samples_skipped += u64::from(plan.samples_per_ray());
-            pixels.finish::<M>(&state.pixel, None, source, target);
+            pixels.finish::<M>(&state.pixel, None, target);
         }
     }
     rays.hits = left;
