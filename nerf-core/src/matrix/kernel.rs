@@ -11,7 +11,7 @@ names! {
     pub enum Storage {
         /// f16, read directly from the scene file's bytes. Needs no memory for weights.
         F16 = "f16",
-        /// f32, unpacked once from the f16 of the scene file: products are faster than with `F16`, of the same values.
+        /// f32, unpacked once from the scene file's f16: products are faster than with `F16`, and have the same values.
         F32 = "f32",
         /// bf16, stored in pairs: weights and activations are rounded to 8 significant bits, and products are summed in
         /// f32. [`Kernel::detect`] never chooses this storage.
