@@ -269,7 +269,7 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a C call that computes a memory size: writes `body`'s result to `size`, the alignment of [`Line`] to `align`.
+/// Runs a C call for a memory size, bytes: writes the result of `body` to `size`, the alignment of [`Line`] to `align`.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.
