@@ -1,7 +1,5 @@
-// nerf_render: render radiance fields from C++17.
-//
-// nerf_render.h for C++: memory that frees itself, views that know their length, and errors that are values. Nothing
-// here throws, and -fno-exceptions -fno-rtti is fine. Header only.
+// Radiance fields from C++17: nerf_render.h, with memory that frees itself, views that know their length, and errors
+// that are values. Nothing here throws, and -fno-exceptions -fno-rtti is fine. Header only.
 //
 //     auto scene = nerf::scene::open_file("scene.nerf");
 //     if (!scene) return complain(scene.error().text());
@@ -50,9 +48,8 @@ namespace detail {
 template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
-/// True if a span or strided view may refer to the elements of a container passed as C &&. False for a temporary
-/// container, which frees its elements. Wrongly true for a temporary container of const elements, such as a
-/// std::initializer_list.
+/// True if a span or strided view may refer to the elements of a container passed as C &&. False for a temporary, which
+/// frees its elements; wrongly true for a temporary of const elements, such as a std::initializer_list.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -61,9 +58,7 @@ struct strided_view {};
 
 /// Casts the address of a structure of floats to a pointer to the first float.
 template <class T>
-T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *first) noexcept {
-    return static_cast<T *>(first);
-}
+T *floats_at(std::conditional_t<std::is_const_v<T>, const void, void> *at) noexcept { return static_cast<T *>(at); }
 
 } // namespace detail
 
@@ -111,10 +106,9 @@ private:
     std::size_t size_;
 };
 
-/// A view of floats in memory that the view does not own. Each ray or point has the same number of floats, set by the
-/// template argument `each`. The floats are contiguous or strided. Converts from a container of floats, or of trivially
-/// copyable structures that consist of this number of floats, such as a host's 3D vectors. nerf::member makes a view of
-/// one field of larger structures.
+/// A view of floats, contiguous or strided, that the view does not own: `each` floats, the template argument, per ray
+/// or point. Converts from a container of floats, or of trivially copyable structures of `each` floats, such as a
+/// host's 3D vectors. nerf::member makes a view of one field of larger structures.
 template <class T, std::size_t each>
 class strided : detail::strided_view {
 public:
@@ -140,8 +134,7 @@ public:
     /// Returns the number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Returns the number of bytes from the start of one ray's or point's floats to the start of the next; 0 if
-    /// contiguous.
+    /// Returns the bytes from the start of one ray's or point's floats to the start of the next; 0 if contiguous.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
     /// Returns whether the view holds exactly `count` rays or points, without floats left over.
@@ -295,12 +288,10 @@ struct ending {
     void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-/// Type of an omitted callback argument. If `progress` is omitted, nothing is called; if `clock` is omitted, the
-/// library's own clock is used.
+/// Type of an omitted callback: no `progress` is then called, and the library's own clock replaces `clock`.
 struct none {};
 
-/// A nerf_progress that calls a C++ callable; noexcept, since C code calls it. `user`: address of a pointer to the
-/// callable.
+/// A nerf_progress that calls a C++ callable; noexcept, since C calls it. `user`: address of a pointer to the callable.
 template <class F>
 int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
     F &f = **static_cast<F **>(user);
@@ -321,9 +312,7 @@ int32_t progress(void *user, std::uint64_t done, std::uint64_t all) noexcept {
 }
 
 template <class F>
-std::uint64_t clock(void *user) noexcept {
-    return (**static_cast<F **>(user))();
-}
+std::uint64_t clock(void *user) noexcept { return (**static_cast<F **>(user))(); }
 
 } // namespace detail
 
@@ -348,8 +337,7 @@ public:
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Makes an object that refers to a container's memory and never frees the memory. The container must live, and
-    /// must not move, while the memory is used.
+    /// Lends a container's memory, and never frees it. The container must live, and not move, while the memory is used.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -478,8 +466,7 @@ struct camera : detail::sized<nerf_camera> {
     /// Places the camera on a sphere around `target`, looking at `target`. `azimuth`: angle around the unit vector
     /// `up`, radians, counterclockwise if seen from the tip of `up`. Azimuth 0 is the direction of the first vector of
     /// detail::across(up): +x if `up` is +z. `elevation`: angle above the plane normal to `up`, radians.
-    camera &orbit(vec3 target, float radius, float azimuth, float elevation,
-                  vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
+    camera &orbit(vec3 target, float radius, float azimuth, float elevation, vec3 up = {0.0f, 0.0f, 1.0f}) noexcept {
         const auto [side, ahead] = detail::across(up);
         const vec3 flat = std::cos(azimuth) * side + std::sin(azimuth) * ahead;
         return look_at(target + radius * (std::cos(elevation) * flat + std::sin(elevation) * up), target, up);
@@ -520,16 +507,15 @@ inline constexpr rect whole{0, 0, std::numeric_limits<std::uint32_t>::max(), std
 struct tiles {
     std::uint32_t width, height, side;
 
-    std::size_t size() const noexcept { return std::size_t{across()} * count(height); }
+    std::size_t size() const noexcept { return std::size_t{count(width)} * count(height); }
     rect operator[](std::size_t i) const noexcept {
-        const auto x = static_cast<std::uint32_t>(i % across()) * side;
-        const auto y = static_cast<std::uint32_t>(i / across()) * side;
+        const auto x = static_cast<std::uint32_t>(i % count(width)) * side;
+        const auto y = static_cast<std::uint32_t>(i / count(width)) * side;
         return {x, y, width - x < side ? width - x : side, height - y < side ? height - y : side};
     }
 
 private:
     std::uint32_t count(std::uint32_t length) const noexcept { return length / side + (length % side != 0); }
-    std::uint32_t across() const noexcept { return count(width); }
 };
 
 /// Strides of a nerf_plane, `row_stride` and `pixel_stride`, bytes.
@@ -538,9 +524,8 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// An image plane: a buffer with one value or vector per pixel. An output plane receives one output; a plane of limits
-/// contains the distances at which rays end. The buffer is the caller's memory for the pixels of target::window;
-/// target::at checks the size. An output without a plane is not computed.
+/// An image plane: the caller's buffer for the pixels of target::window; target::at checks its size. An output plane
+/// receives one output, which is not computed without a plane. A plane of limits has the distances at which rays end.
 class plane {
 public:
     plane() noexcept = default;
@@ -550,9 +535,8 @@ public:
     static plane rgba_u8(span<std::uint8_t> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_U8, s, by}; }
     static plane rgb_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGB_F32, s, by}; }
     static plane rgba_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_RGBA_F32, s, by}; }
-    // Planes for opacity and distances, in the format NERF_FORMAT_F32.
+    // Planes for opacity and distances (NERF_FORMAT_F32), and for normals (NERF_FORMAT_VEC3_F32).
     static plane f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_F32, s, by}; }
-    // Plane for normals, in the format NERF_FORMAT_VEC3_F32.
     static plane vec3_f32(span<float> s, strides by = {}) noexcept { return {NERF_FORMAT_VEC3_F32, s, by}; }
     // Plane of limits, an input: the distance at which each pixel's ray ends.
     static plane limit(span<const float> s, strides by = {}) noexcept {
@@ -573,8 +557,7 @@ public:
         return of;
     }
 
-    /// Returns whether the plane was made from a memory span; false for a default-constructed plane. True even if the
-    /// span is empty, and thus too small for a pixel.
+    /// Returns whether the plane was made from a span, even an empty one; false for a default-constructed plane.
     explicit operator bool() const noexcept { return there_; }
 
 private:
@@ -600,12 +583,10 @@ private:
     bool there_ = false;
 };
 
-/// Planes of an image, or only of the image's rectangle `window`. One call can render the whole window or a part of it.
-/// For rays, each plane has one row.
+/// Planes of an image or of its rectangle `window`; one call can render a part. For rays, each plane has one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Inputs: distances at which each pixel's ray ends, world units. At most one of these two planes may be set.
-    /// nerf::z_depth converts depth-buffer values.
+    /// Inputs: distances where rays end, world units; only one may be set. nerf::z_depth converts depth-buffer values.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};
@@ -618,8 +599,7 @@ struct target {
                bit(median_distance, NERF_OUTPUT_MEDIAN_DISTANCE) | bit(normals, NERF_OUTPUT_NORMALS);
     }
 
-    /// Makes the C target for the rectangle `part` of a width x height image; an error if a plane's memory is too
-    /// small.
+    /// Makes the C target for the rectangle `part` of a width x height image; an error if a plane is too small.
     result<nerf_target> at(const rect &part, std::uint32_t width, std::uint32_t height) const noexcept {
         const rect all = window.width == 0 || window.height == 0 ? rect{0, 0, width, height} : window;
         const auto inside = [](std::uint32_t begin, std::uint32_t length, std::uint32_t from, std::uint32_t all_of) {
@@ -808,8 +788,7 @@ public:
         return detail::layout_of(nerf_worker_size, &asked);
     }
 
-    // Choose quality settings and write them to `how`: by loss (dB of PSNR below the exact rendering), cost, time,
-    // point of the Pareto front, or preset.
+    // Choose quality settings, into `how`, by loss (dB of PSNR below exact rendering), cost, time, point or preset.
 
     result<choice> within_loss(float loss_db, options &how) const noexcept {
         return detail::made<choice>(nerf_quality_within_loss, get(), loss_db, &how);
@@ -902,8 +881,7 @@ struct rays {
     std::optional<vec3> axis = {};
 };
 
-/// Result of one ray. Outputs that the worker was not opened for are 0. A worker that was opened for colour also gives
-/// opacity.
+/// Result of one ray. Outputs that the worker was not opened for are 0, except that opacity comes with colour, too.
 struct pixel {
     /// Colour, premultiplied by opacity and without background: add `(1 - opacity) * background` to composite.
     vec3 rgb;
@@ -934,8 +912,7 @@ public:
     nerf_worker *get() const noexcept { return handle_.value; }
 
     /// Renders a camera's image, or its rectangle `part`. `progress`: called before the first tile and after each tile,
-    /// with (pixels done, all pixels) or no arguments. `progress` returns void or bool, and must not throw; false
-    /// cancels the render.
+    /// with (pixels done, all pixels) or no arguments. Returns void or bool (false cancels), and must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {
@@ -957,8 +934,7 @@ public:
     /// Renders the host's own rays: pixel i of each plane in `to` belongs to ray i.
     result<counters> render_rays(const rays &of, const target &to) noexcept { return trace(nerf_render_rays, of, to); }
 
-    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: a number in [0, 1) per
-    /// ray.
+    /// Samples the point on each ray at which a photon collides with the medium. `of.random`: in [0, 1), one per ray.
     result<counters> sample_rays(const rays &of, const target &to) noexcept { return trace(nerf_sample_rays, of, to); }
 
     /// Renders one ray from `t_min` to `t_max`, with every output of the worker except z_depth. For many rays,
@@ -970,8 +946,7 @@ public:
                          detail::to_float(t_max));
     }
 
-    /// Samples the point on one ray at which a photon collides. `random`: a number in [0, 1). Everything else is as in
-    /// render_ray.
+    /// Samples the point on one ray at which a photon collides. `random`: in [0, 1). All else is as in render_ray.
     template <class V, class W, class R, class N = float, class F = float>
     result<pixel> sample_ray(const V &origin, const W &dir, R random, N t_min = 0.0f,
                              F t_max = std::numeric_limits<float>::infinity()) noexcept {
@@ -998,9 +973,8 @@ public:
         return detail::made<counters>(nerf_query, get(), &asked);
     }
 
-    /// Writes an English report to `text`, cut to fit: which stages this worker's frames run, and why other stages do
-    /// not run. `work`: counters of a frame, to report the work of each stage, or null. Returns the size of the uncut
-    /// text with NUL, bytes.
+    /// Writes an English report to `text`, cut to fit: which stages this worker's frames run, and why others do not.
+    /// `work`: null, or a frame's counters, to report each stage's work. Returns the uncut text's size with NUL, bytes.
     result<std::size_t> explain(span<char> text, const nerf_counters *work = nullptr) noexcept {
         return detail::made<std::size_t>(nerf_explain, get(), work, text.data(), text.size());
     }

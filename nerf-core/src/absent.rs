@@ -1,5 +1,4 @@
-//! Macro that declares the methods of a type whose feature is off in this build. Code that calls the methods then
-//! compiles.
+//! Macro that declares the methods of a type whose feature is off in this build, so that their callers compile.
 
 /// Declares the methods of an enum without variants, from their signatures alone. The enum replaces a type whose
 /// feature is off. The methods are never called, since the enum has no values.

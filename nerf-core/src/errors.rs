@@ -1,8 +1,6 @@
-//! Macros for errors: `errors!` declares an error enum with its messages, and `ensure!` returns an error unless a
-//! condition holds.
+//! Macros: `errors!` declares an error enum with its messages; `ensure!` returns an error unless a condition holds.
 
-/// Declares an error enum, each variant with its message. The message is the text of `Display` and part of the
-/// variant's documentation.
+/// Declares an error enum. A variant's message is the text of `Display`, and part of the variant's documentation.
 macro_rules! errors {
     ($(#[$about:meta])* $error:ident: $(
         $(#[$doc:meta])* $name:ident $(($at:ident: $of:ty))? $({$($field:ident: $type:ty),+})?

@@ -51,14 +51,7 @@ macro_rules! convert {
     };
 }
 
-convert!(
-    rays,
-    samples_kept,
-    samples_skipped,
-    density_evaluations,
-    colour_evaluations,
-    macs,
-    invalid_samples,
-    normal_evaluations,
-    proposal_evaluations
-);
+convert! {
+    rays, samples_kept, samples_skipped, density_evaluations, colour_evaluations, macs, invalid_samples,
+    normal_evaluations, proposal_evaluations
+}

@@ -10,7 +10,7 @@ use crate::status::Status;
 use crate::target::{Canvas, Target};
 use crate::worker::{State, Work, Worker, tile_size, with_worker_and};
 use core::ffi::{c_char, c_void};
-use nerf_core::render::{self, Limit};
+use nerf_core::render::{self, Limit, RenderError};
 use nerf_core::volume::Pixel;
 
 /// A rectangle of an image's pixels: columns `x..x + width`, rows `y..y + height`.
@@ -43,7 +43,7 @@ impl Rect {
         if rect.fits(width, height) {
             Ok(rect)
         } else {
-            Err(render::RenderError::Rect { rect, width, height }.into())
+            Err(RenderError::Rect { rect, width, height }.into())
         }
     }
 }
@@ -146,9 +146,7 @@ pub unsafe extern "C" fn nerf_render_picture(
     message_capacity: usize,
 ) -> Status {
     let draw = |worker: &mut State, frame: Frame| {
-        let [member] = worker.members else {
-            return Err(render::RenderError::NotAPicture.into());
-        };
+        let [member] = worker.members else { return Err(RenderError::NotAPicture.into()) };
         let renderer = member.scene.renderer();
         let (math, batch) = (worker.settings.frame.quality.math, worker.settings.batch);
         let size = [frame.width, frame.height];

@@ -96,18 +96,11 @@ fn available(kernel: nerf_core::Kernel) -> Result<nerf_core::Kernel, Failure> {
     if kernel.available() { Ok(kernel) } else { Err(Failure::Kernel(kernel)) }
 }
 
-#[cfg(feature = "std")]
 fn automatic() -> Result<nerf_core::Kernel, Failure> {
-    match std::env::var_os("NERF_KERNEL") {
-        Some(name) if !name.is_empty() => {
-            let kernel = name.to_str().and_then(nerf_core::Kernel::by_name).ok_or(Failure::KernelVariable)?;
-            available(kernel)
-        }
-        _ => Ok(nerf_core::Kernel::detect()),
+    #[cfg(feature = "std")]
+    if let Some(name) = std::env::var_os("NERF_KERNEL").filter(|name| !name.is_empty()) {
+        let kernel = name.to_str().and_then(nerf_core::Kernel::by_name);
+        return available(kernel.ok_or(Failure::KernelVariable)?);
     }
-}
-
-#[cfg(not(feature = "std"))]
-fn automatic() -> Result<nerf_core::Kernel, Failure> {
     Ok(nerf_core::Kernel::detect())
 }

@@ -8,11 +8,11 @@ use crate::render_options::{RenderOptions, Settings};
 use crate::scene::Scene;
 use crate::span::Span;
 use crate::status::Status;
-
 use core::ffi::{c_char, c_void};
 use nerf_core::blob::MAX_FRONT;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Plan, Quality};
+use nerf_core::render;
 
 /// Measured time of a frame on one thread of this host, for each point (quality settings) of a scene's Pareto front.
 #[derive(Clone, Copy, Debug)]
@@ -77,7 +77,7 @@ pub unsafe extern "C" fn nerf_pace_workspace_size(
     let body = || {
         // SAFETY: `request` is valid, as this function's `# Safety` requires.
         let (_, scene, plan) = unsafe { planned(request)? };
-        let lines = nerf_core::render::Pace::lines(scene.renderer(), &plan);
+        let lines = render::Pace::lines(scene.renderer(), &plan);
         lines.checked_mul(size_of::<Line>()).ok_or(Failure::Overflow("workspace"))
     };
     let message = Message { text: message, capacity: message_capacity };
@@ -121,14 +121,8 @@ pub unsafe extern "C" fn nerf_pace_measure(
         let lines = workspace_size / size_of::<Line>();
         // SAFETY: the workspace is aligned (checked above), and used by no one else (`# Safety`). Any bytes are valid.
         let lines = unsafe { core::slice::from_raw_parts_mut(workspace.cast::<Line>(), lines) };
-        let found = nerf_core::render::Pace::measure(
-            scene.renderer(),
-            &plan,
-            &camera,
-            request.limit_milliseconds,
-            lines,
-            &mut now,
-        );
+        let (renderer, limit) = (scene.renderer(), request.limit_milliseconds);
+        let found = render::Pace::measure(renderer, &plan, &camera, limit, lines, &mut now);
         let found = found.map_err(Failure::of_workspace)?;
         out.write(Pace { struct_size: size_of::<Pace>(), milliseconds: found.milliseconds });
         Ok(())

@@ -2,10 +2,6 @@
 
 use core::ffi::c_void;
 
-/// Type of the [`Progress`] callback in a build without std: a function that cannot unwind.
-#[cfg(not(feature = "std"))]
-type Bare = unsafe extern "C" fn(user: *mut c_void, pixels_done: u64, pixels_all: u64) -> i32;
-
 /// Callback of `nerf_render` and `nerf_render_picture`: called before the first tile and after each tile, on the thread
 /// that renders. `pixels_done`: number of finished pixels, never decreasing; `pixels_all`: number of pixels to render.
 /// A return value other than 0 cancels the render.
@@ -23,9 +19,8 @@ pub(crate) unsafe fn call(progress: Progress, user: *mut c_void, done: u64, all:
     // Nothing unwinds without std. The ABI "C" says so to the compiler, which then links no panic code for the call.
     #[cfg(not(feature = "std"))]
     // SAFETY: the ABIs "C" and "C-unwind" pass arguments in the same way, and nothing unwinds.
-    let progress = unsafe {
-        core::mem::transmute::<unsafe extern "C-unwind" fn(*mut c_void, u64, u64) -> i32, Bare>(progress)
-    };
+    let progress: unsafe extern "C" fn(*mut c_void, u64, u64) -> i32 =
+        unsafe { core::mem::transmute(progress) };
     // SAFETY: `progress` and `user` are valid, as this function's `# Safety` requires.
     unsafe { progress(user, done, all) == 0 }
 }

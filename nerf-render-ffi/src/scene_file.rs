@@ -125,9 +125,12 @@ pub unsafe extern "C" fn nerf_scene_open_file(
             let blob = Blob::open_undecoded(&blob).map_err(|error| named(error.into()))?;
             memory_lines(&blob, kernel)
         };
-        let memory = filled(lines, Line::UNINIT).map_err(named)?;
+        let size = lines.saturating_mul(size_of::<Line>());
+        let mut memory = Vec::new();
+        memory.try_reserve_exact(lines).map_err(|_| named(Cause::OutOfMemory { bytes: size }))?;
+        memory.resize(lines, Line::UNINIT);
         let owned = Owned::new(blob, memory);
-        let (memory, size) = (owned.memory.as_ptr().cast(), lines * size_of::<Line>());
+        let memory = owned.memory.as_ptr().cast();
         // SAFETY: the file's bytes and the memory do not overlap, and the scene owns these until `nerf_scene_close`.
         let opened = unsafe { open_in(owned.blob.as_ptr(), memory, size, kernel) };
         match opened {
@@ -185,17 +188,15 @@ fn read(path: &CStr) -> Result<Vec<u8>, Cause> {
     let found = about.len();
     let mut bytes = Vec::new();
     (&mut file).take(HEADER_LEN as u64).read_to_end(&mut bytes)?;
-    if let Err(error) = Blob::open(&bytes) {
-        match error {
-            BlobError::Truncated { expected, .. } if expected == found => {}
-            BlobError::Truncated { expected, .. } if expected > found => {
-                return Err(BlobError::Truncated { expected, found }.into());
-            }
-            BlobError::Truncated { expected, .. } => {
-                return Err(BlobError::TrailingBytes { expected, found }.into());
-            }
-            error => return Err(error.into()),
+    match Blob::open(&bytes) {
+        Err(BlobError::Truncated { expected, .. }) if expected > found => {
+            return Err(BlobError::Truncated { expected, found }.into());
         }
+        Err(BlobError::Truncated { expected, .. }) if expected < found => {
+            return Err(BlobError::TrailingBytes { expected, found }.into());
+        }
+        Ok(_) | Err(BlobError::Truncated { .. }) => {}
+        Err(error) => return Err(error.into()),
     }
     let whole = usize::try_from(found).map_err(|_| Failure::Overflow("path"))?;
     bytes.try_reserve_exact(whole - bytes.len()).map_err(|_| Cause::OutOfMemory { bytes: whole })?;
@@ -212,13 +213,4 @@ fn as_path(path: &CStr) -> Result<&std::ffi::OsStr, Cause> {
 #[cfg(not(unix))]
 fn as_path(path: &CStr) -> Result<&str, Cause> {
     path.to_str().map_err(|error| io::Error::new(io::ErrorKind::InvalidInput, error).into())
-}
-
-/// Returns `count` copies of `value`. If there is not enough memory, the error contains the size of all copies, bytes.
-fn filled<T: Clone>(count: usize, value: T) -> Result<Vec<T>, Cause> {
-    let mut values = Vec::new();
-    let bytes = count.saturating_mul(size_of::<T>());
-    values.try_reserve_exact(count).map_err(|_| Cause::OutOfMemory { bytes })?;
-    values.resize(count, value);
-    Ok(values)
 }

@@ -85,9 +85,8 @@ pub(crate) struct PlaneBytes {
 }
 
 impl PlaneBytes {
-    /// Describes the memory of a plane of `columns` × `rows` pixels. `data`: address of the top left pixel. `size`:
-    /// size of a pixel, bytes. Strides are in bytes; `row_stride` may be negative. The caller ensures that no address
-    /// overflows.
+    /// Describes the memory of a plane of `columns` × `rows` pixels of `size` bytes. `data`: address of the top left
+    /// pixel. Strides are in bytes; `row_stride` may be negative. The caller ensures that no address overflows.
     pub fn new(
         data: usize,
         (columns, rows): (usize, usize),
@@ -153,10 +152,6 @@ impl PlaneBytes {
     }
 }
 
-pub(crate) fn check_aligned(name: &'static str, value: usize, expected: usize) -> Result<(), Failure> {
-    if value.is_multiple_of(expected) {
-        Ok(())
-    } else {
-        Err(Failure::Alignment { name, expected, found: value })
-    }
+pub(crate) fn check_aligned(name: &'static str, found: usize, expected: usize) -> Result<(), Failure> {
+    if found.is_multiple_of(expected) { Ok(()) } else { Err(Failure::Alignment { name, expected, found }) }
 }

@@ -5,16 +5,12 @@ use nerf_core::plan::Outputs;
 use nerf_core::volume::Pixel;
 
 /// Values of a pixel that are stored even if not requested.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Plain {
     rgb: [f32; 3],
     opacity: f32,
     ray_distance: f32,
     z_depth: f32,
-}
-
-impl Plain {
-    const BLANK: Self = Self { rgb: [0.0; 3], opacity: 0.0, ray_distance: 0.0, z_depth: 0.0 };
 }
 
 /// A tile's pixels, row by row. Median distances and normals take no memory unless requested.
@@ -40,7 +36,7 @@ impl<'w> TilePixels<'w> {
     /// Allocates a tile of `pixels` pixels from `layout`; all values are 0.
     pub fn lay_out(layout: &mut impl Layout<'w>, pixels: usize, outputs: Outputs) -> Self {
         Self {
-            plain: layout.slice(pixels, Plain::BLANK),
+            plain: layout.slice(pixels, Plain::default()),
             median_distance: layout.slice(if_asked(outputs.median_distance, pixels), 0.0),
             normals: layout.slice(if_asked(outputs.normals, pixels), [0.0; 3]),
         }
@@ -61,8 +57,7 @@ impl<'w> TilePixels<'w> {
 
     /// Returns pixel `i`. Median distance and normal are 0 if not requested; all values are 0 if `i` is out of range.
     pub fn get(&self, i: usize) -> Pixel {
-        let plain = self.plain.get(i).copied().unwrap_or(Plain::BLANK);
-        let Plain { rgb, opacity, ray_distance, z_depth } = plain;
+        let Plain { rgb, opacity, ray_distance, z_depth } = self.plain.get(i).copied().unwrap_or_default();
         let median_distance = self.median_distance.get(i).copied().unwrap_or_default();
         let normal = self.normals.get(i).copied().unwrap_or_default();
         Pixel { rgb, opacity, ray_distance, z_depth, median_distance, normal }

@@ -187,8 +187,7 @@ struct Checked {
 }
 
 /// Sizes of the parts of a worker's memory. In lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels
-/// (`pixels`), and the renderer's workspace (`rest`). In bytes: the whole memory (`bytes`), which also holds the list
-/// of scenes.
+/// (`pixels`), and the renderer's workspace (`rest`). In bytes: the whole memory (`bytes`), with the list of scenes.
 struct Shares {
     own: usize,
     pixels: usize,
@@ -257,8 +256,7 @@ impl Checked {
         unsafe { Instance::read(self.request.instances, index)?.placement(index) }
     }
 
-    /// Converts `failure` to a failure of instance `_index`. Returns `failure` unchanged if the request has no
-    /// instances.
+    /// Converts `failure` to a failure of instance `_index`; leaves it unchanged if the request has no instances.
     fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
         #[cfg(feature = "instances")]
         if self.placed {

@@ -143,8 +143,7 @@ pub struct SceneFacts {
     pub sampling: SceneSampling,
     /// Background colour (red, green, blue), sRGB-encoded, 0 to 1; visible where opacity is below 1.
     pub background: [f32; 3],
-    /// Whether rendering without the occupancy grid is an error. True if the network was not trained in the grid's
-    /// empty cells.
+    /// Whether rendering without the occupancy grid is an error: the network was not trained in the grid's empty cells.
     pub occupancy_required: bool,
     /// Default viewpoint of renders; `None` if the cameras of the training photographs are not known.
     pub viewpoint: Option<Viewpoint>,
@@ -288,8 +287,7 @@ pub struct FrontPoint {
     /// PSNR of the exact rendering ([`Quality::exact`](crate::plan::Quality::exact)) minus PSNR with these settings,
     /// dB. Each PSNR is a mean over the same photographs. Negative if these settings give the higher PSNR.
     pub loss_db: f32,
-    /// Multiply-adds with these settings divided by multiply-adds of the exact rendering, both over the same views;
-    /// above 0.
+    /// Multiply-adds with these settings divided by those of the exact rendering, both over the same views; above 0.
     pub cost: f32,
 }
 

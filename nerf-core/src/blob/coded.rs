@@ -176,8 +176,7 @@ pub fn decode_tables(grid: &GridEncoding, bytes: &[u8], mut put: impl FnMut(u8))
     if left == 0 && state == LEAST { Ok(()) } else { Err(BlobError::CodedRest { state, bytes: left as u64 }) }
 }
 
-/// Entropy-codes `values`, the signed 8-bit integers of all levels of `grid`, one per byte. Returns the encoded bytes,
-/// which are at the end of `out`.
+/// Entropy-codes `values`, the signed bytes of all levels of `grid`. Returns the encoded bytes, at the end of `out`.
 ///
 /// `symbols`: working memory, two elements per value. Returns `None` if `symbols`, `out` or `values` is too short.
 #[cfg(any(feature = "train", test))]

@@ -17,8 +17,7 @@ use serde::Deserialize;
 #[cfg(not(feature = "grid"))]
 const GRID_TAG: u8 = 1;
 
-/// Reads a blob's body section by section, so that an error can name the section. A macro, since a function would copy
-/// the large body.
+/// Reads a blob's body section by section, for errors to name. A macro, since a function would copy the large body.
 macro_rules! read_body {
     ($input:expr) => {
         Body {
@@ -48,8 +47,7 @@ pub struct Blob<'a> {
 }
 
 impl<'a> Blob<'a> {
-    /// Checks the bytes of a blob and opens the blob. Weights and tables are borrowed, not copied, and need no
-    /// alignment.
+    /// Checks the bytes of a blob and opens the blob. Weights and tables are borrowed, not copied, at any alignment.
     ///
     /// # Errors
     /// [`BlobError`] says what was expected and found. No input causes a panic or a read out of bounds.
@@ -204,8 +202,7 @@ struct Compare<'c, 'a> {
 impl Flavor for Compare<'_, '_> {
     type Output = ();
 
-    // Not inlined: every field of a body calls this function, and the copies would be a large part of a
-    // microcontroller's code.
+    // Not inlined: every field of a body calls this function, and copies would be much of a microcontroller's code.
     #[inline(never)]
     fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
         self.try_extend(&[byte])

@@ -7,8 +7,7 @@ use crate::simd::{Lanes, MAX_LANES, Op};
 /// distortion. The rays are bit-identical to the results of [`Camera::ray`].
 pub(crate) struct PinholeRays<'a> {
     pub camera: &'a Camera,
-    /// Image points, pixels: the x of every point, then the y of every point. The ray through point `i` is written to
-    /// `to[i]`.
+    /// Image points, pixels: every point's x, then every point's y. The ray through point `i` is written to `to[i]`.
     pub points: &'a [[f32; MAX_LANES]; 2],
     pub to: &'a mut [Ray],
 }

@@ -124,8 +124,7 @@ pub enum TableValues<'a> {
     Int8 {
         /// One byte per table value: a signed 8-bit integer.
         values: &'a [u8],
-        /// Scale of each level, little-endian f32 at any alignment: above 0, and small enough that 128 times the scale
-        /// is finite.
+        /// Scale of each level, little-endian f32 at any alignment: above 0, and finite if multiplied by 128.
         scales: &'a [u8],
     },
     /// One f32 per table value, as used in training.

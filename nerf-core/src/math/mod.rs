@@ -62,8 +62,7 @@ impl MathBackend {
         }
     }
 
-    /// Returns the backend that has the tag `tag`; `None` if this build lacks the backend, or if no backend has the
-    /// tag.
+    /// Returns the backend with the tag `tag`; `None` if this build lacks the backend, or if no backend has the tag.
     pub const fn from_tag(tag: u8) -> Option<Self> {
         match tag {
             0 => Some(Self::Polynomial),
@@ -81,8 +80,7 @@ impl MathBackend {
 pub trait Math {
     /// Whether the sinusoidal encoding computes each level from the previous level by angle doubling.
     const DOUBLING: bool = false;
-    /// `(sin πu, cos πu)` for finite `u`. `u` is first reduced modulo 2, exactly, so that no backend gets a large
-    /// angle.
+    /// `(sin πu, cos πu)` for finite `u`, which is first reduced modulo 2, exactly: no backend gets a large angle.
     #[inline(always)]
     fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
         polynomial::sin_cos_pi(u)

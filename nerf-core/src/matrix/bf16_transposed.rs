@@ -7,8 +7,7 @@ use crate::simd::{Isa, Lanes, Op};
 ///
 /// `weights`: 32-bit words, `[outputs][row]`; only the first `pairs(inputs)` words of each row are used. `from`: f32,
 /// `[outputs][stride]`. `to`: f32, `[inputs][stride]`. `start` is the content of `to` if `accumulate`, else 0.
-/// `stride`: number of samples, a multiple of 16. Each element of `to` is summed over the layer's outputs in ascending
-/// order.
+/// `stride`: number of samples, a multiple of 16. Each element of `to` is summed over the outputs in ascending order.
 ///
 /// # Panics
 /// If `stride` is no multiple of 16 or a slice is too short.

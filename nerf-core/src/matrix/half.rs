@@ -10,8 +10,7 @@ use crate::simd::{Isa, Lanes, Op};
 /// >= `n`.
 ///
 /// # Panics
-/// With debug assertions, if a slice is too short for the sizes and strides in `g`. Other builds read missing values
-/// as 0.
+/// With debug assertions, if a slice is too short for the sizes and strides in `g`; else missing values are read as 0.
 pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Init<'_, u8>, relu: bool) {
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }
@@ -30,8 +29,7 @@ pub fn f16_at(bytes: &[u8], i: usize) -> f32 {
 fn widen(bytes: [u8; 2]) -> f32 {
     /// Scale factor `2^(127 − 15)`: f32 has the exponent bias 127, f16 has 15.
     const SCALE: f32 = f32::from_bits((127 + 127 - 15) << 23);
-    // The shift by 13 aligns the mantissas. Sign extension also fills the three upper exponent bits, which the mask
-    // clears.
+    // The shift by 13 aligns the mantissas. The mask clears the three upper exponent bits, which sign extension fills.
     let bits = i32::from(i16::from_le_bytes(bytes)) << 13;
     f32::from_bits(bits as u32 & 0x8fff_ffff) * SCALE
 }

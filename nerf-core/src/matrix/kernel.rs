@@ -11,8 +11,7 @@ names! {
     pub enum Storage {
         /// f16, read directly from the scene file's bytes. Needs no memory for weights.
         F16 = "f16",
-        /// f32, unpacked once from the f16 of the scene file. Products are faster than with `F16`, and have the same
-        /// values.
+        /// f32, unpacked once from the scene file's f16: products are faster than with `F16`, and have the same values.
         F32 = "f32",
         /// bf16, stored in pairs: weights and activations are rounded to 8 significant bits, and products are summed in
         /// f32. [`Kernel::detect`] never chooses this storage.
@@ -48,8 +47,7 @@ impl Kernel {
         Self { isa, storage }
     }
 
-    /// Returns the fastest kernel of this machine that does not round weights. The kernel's storage is f32, or f16 on a
-    /// target without vector instructions.
+    /// Returns the fastest kernel of this machine that does not round weights: f32, or f16 without vector instructions.
     pub fn detect() -> Self {
         Self::new(Isa::detect(), if VECTORS { Storage::F32 } else { Storage::F16 })
     }

@@ -131,8 +131,7 @@ impl Layer {
 pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
 
 impl Architecture {
-    /// Checks that every field is within its limits, that the fields are consistent, and that this build supports the
-    /// architecture.
+    /// Checks the limits of every field, the fields' consistency, and that this build supports the architecture.
     ///
     /// # Errors
     /// An [`ArchitectureError`] that names the first field that fails a check.
@@ -181,8 +180,7 @@ impl Architecture {
         Ok(())
     }
 
-    /// Returns all layers, with the indices of their parameters. The parameter vector holds, for each layer in turn,
-    /// `W` row-major and then `b`.
+    /// Returns all layers, with the indices of their parameters: for each layer in turn, `W` row-major and then `b`.
     ///
     /// Correct only for an architecture that passes [`Architecture::check`].
     pub fn layers(&self) -> Layers {
@@ -253,8 +251,7 @@ impl Architecture {
         self.position.grid().map_or(0, |grid| grid.reads())
     }
 
-    /// Number of values of the trunk's output `h`: outputs of the last trunk layer, or of the position encoding if the
-    /// trunk is empty.
+    /// Number of values of the trunk's output `h`; of the position encoding's outputs if the trunk is empty.
     pub fn h_rows(&self) -> usize {
         let empty = || if PER_RAY_BUILT { self.position.outputs() } else { 0 };
         self.trunk.last().map_or_else(empty, |layer| usize::from(layer.width))

@@ -54,8 +54,7 @@ impl Network<'_> {
     /// averaged over this Gaussian: the encoding is averaged, and the layers after the encoding are treated as linear.
     /// The blur damps the finer levels of the encoding.
     ///
-    /// A grid's interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell
-    /// with the larger index.
+    /// A grid's interpolation is differentiated inside the sample's cell; a face belongs to the cell of larger index.
     ///
     /// The derivative of the ReLU at 0 is 0. A forward pass in the kernel's own arithmetic determines which outputs of
     /// the ReLU are above 0. The backward pass computes in f32, from weights in their stored precision.
@@ -219,8 +218,7 @@ fn word(outputs: &[f32], value: impl Fn(f32) -> f32) -> u16 {
     outputs.iter().enumerate().fold(0, |word, (i, &x)| word | u16::from(value(x) > 0.0) << i)
 }
 
-/// Computes the backward pass through a ReLU: sets each gradient in `values` to 0 if its bit in the ReLU mask `signs`
-/// is 0.
+/// Backward pass through a ReLU: sets each gradient in `values` to 0 if its bit in the ReLU mask `signs` is 0.
 fn mask(values: &mut [f32], signs: &[u16]) {
     for (values, &signs) in values.chunks_mut(SIGNS).zip(signs) {
         for (i, value) in values.iter_mut().enumerate() {

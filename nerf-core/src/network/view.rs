@@ -134,8 +134,7 @@ impl<'a> Network<'a> {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
 
-    /// Number of rows of [`Scratch::encoded`]: the outputs of the position encoding or of the direction encoding,
-    /// whichever has more.
+    /// Number of rows of [`Scratch::encoded`]: the outputs of the larger of position encoding and direction encoding.
     pub fn encoded_rows(&self) -> usize {
         let direction = self.architecture.direction.map_or(0, |direction| direction.outputs());
         self.architecture.position.outputs().max(direction)
@@ -158,8 +157,7 @@ impl<'a> Network<'a> {
         self.direction_layer().map_or(0, |layer| layer.outputs)
     }
 
-    /// The layer whose inputs are the trunk's output and the encoded direction, `[h, PE(d)]`; `None` without view
-    /// dependence.
+    /// The layer whose inputs are trunk output and encoded direction, `[h, PE(d)]`; `None` without view dependence.
     fn direction_layer(&self) -> Option<&Layer> {
         self.architecture.direction?;
         self.layers.iter().find(|layer| matches!(layer.role, Role::Colour(0) | Role::Rgb))

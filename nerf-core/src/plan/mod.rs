@@ -316,8 +316,7 @@ impl<'a> Plan<'a> {
     }
 
     /// Index of the first bin of `from..end` whose sample lies in an occupied cell; `end` if none does. Without an
-    /// occupancy grid, all points in the scene box count as occupied. `place`: positions of the ray's samples in their
-    /// bins.
+    /// occupancy grid, all of the scene box counts as occupied. `place`: positions of the ray's samples in their bins.
     // Not inlined: a copy at each call would be a large part of a microcontroller's code.
     #[inline(never)]
     pub(crate) fn first_occupied(

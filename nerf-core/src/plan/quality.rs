@@ -89,8 +89,7 @@ impl Quality {
     }
 
     /// Returns the settings of a preset in this scene: the cheapest on the scene's Pareto front whose PSNR is at most
-    /// [`Preset::loss_db`] below that of the exact rendering. If the PSNR of every point is too low, returns
-    /// [`Quality::exact`].
+    /// [`Preset::loss_db`] below the exact rendering's; [`Quality::exact`] if every PSNR is too low.
     ///
     /// Without a Pareto front the PSNR of settings is not known. `Preset::Exact` is then [`Quality::exact`], and
     /// `Preset::High` is [`Quality::default`]. The other presets are then fixed settings, with losses measured in a
@@ -184,8 +183,7 @@ pub struct Choice {
 }
 
 names! {
-    /// Named limits of the loss: how far the PSNR may lie below the PSNR of the exact rendering, dB. Smallest limit
-    /// first.
+    /// Named limits of the loss: dB by which the PSNR may lie below that of the exact rendering. Smallest limit first.
     pub enum Preset {
         /// No loss: PSNR against photographs at least that of the exact rendering.
         Exact = "exact",

@@ -39,8 +39,7 @@ pub(crate) struct Span {
     pub ends: Ends,
 }
 
-/// Largest rounding error of a point on a ray, divided by the distance of the point along the ray. Covers the errors of
-/// [`SceneBox::clip`] and of `Ray::at`.
+/// Largest rounding error of a point on a ray, from [`SceneBox::clip`] and `Ray::at`, divided by the point's distance.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
@@ -115,8 +114,7 @@ fn contracted_span(
 /// One value for each of up to [`MAX_LANES`] rays.
 type Row = [f32; MAX_LANES];
 
-/// The sampled parts of up to [`MAX_LANES`] rays ([`Span`]). `Spans<V>` holds the sampled parts of the rays in the
-/// lanes of one vector.
+/// The sampled parts ([`Span`]) of up to [`MAX_LANES`] rays; in `Spans<V>`, of the rays in the lanes of one vector.
 pub(crate) struct Spans<T = Row> {
     origin: [T; 3],
     start: T,
@@ -181,8 +179,7 @@ impl Spans {
     }
 }
 
-/// Operation that computes [`Span::new`] for up to [`MAX_LANES`] rays at once, with bit-identical results. For bounded
-/// scenes without a proposal network.
+/// [`Span::new`] for up to [`MAX_LANES`] rays at once, bit-identical. For bounded scenes without a proposal network.
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,

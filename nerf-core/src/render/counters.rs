@@ -2,8 +2,7 @@
 
 use crate::network::Network;
 
-/// Counts of the work that a render has done. For a 2D field only `colour_evaluations`, `macs` and `invalid_samples`
-/// are counted.
+/// Counts of the work of a render. For a 2D field only `colour_evaluations`, `macs` and `invalid_samples` are counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Number of rays, including rays on which no sample was evaluated.

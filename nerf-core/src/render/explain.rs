@@ -1,5 +1,4 @@
-//! Report of a frame: the stages that run, the reasons why other stages are off, and the work of each stage if counters
-//! are given.
+//! Report of a frame: stages that run, reasons why others are off, and each stage's work if counters are given.
 
 use super::Counters;
 use super::field::Field;
@@ -40,8 +39,7 @@ impl Switch {
         if built { Self::asked(asked) } else { Self::NotBuilt }
     }
 
-    /// Combines two conditions of a stage. Returns `other` if `self` is on; else returns `self`, the reason why the
-    /// stage is off.
+    /// Combines two conditions of a stage: `other` if `self` is on, else `self`, the reason why the stage is off.
     fn and(self, other: Self) -> Self {
         if self == Self::On { other } else { self }
     }
@@ -69,14 +67,12 @@ pub struct Explanation<'e> {
 }
 
 impl Explanation<'_> {
-    /// Adds the work of each stage to the report. `counters`: counters of a frame that was rendered with the reported
-    /// plan.
+    /// Adds the work of each stage to the report. `counters`: of a frame that was rendered with the reported plan.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
     }
 
-    /// Replaces the reported size of the workspace by `bytes`, for programs whose workspace holds more than a
-    /// renderer needs.
+    /// Replaces the reported size of the workspace by `bytes`, for workspaces that hold more than a renderer needs.
     pub fn with_workspace(self, bytes: usize) -> Self {
         Self { workspace: bytes, ..self }
     }
@@ -123,8 +119,7 @@ impl Explanation<'_> {
         .map(|(name, switch)| Stage { name, switch })
     }
 
-    /// Returns the reported workspace size, bytes: the size that the frame needs, or the size set by
-    /// [`Explanation::with_workspace`].
+    /// Reported size of the workspace, bytes: what the frame needs, or what [`Explanation::with_workspace`] set.
     pub fn workspace_bytes(&self) -> usize {
         self.workspace
     }

@@ -48,16 +48,14 @@ impl<'a> Renderer<'a> {
         let Prepared { unpacked, decoded } = prepared;
         let prepared = Prepared { unpacked: unpacked.map(|values| &*values), decoded: &*decoded };
         let occupied = CoarseOccupancy::new(blob.occupancy().as_ref());
-        // Does not call `of_prepared`: the call would put another copy of the networks on the stack of a
-        // microcontroller.
+        // Does not call `of_prepared`, which would put another copy of the networks on a microcontroller's stack.
         let network = prepared.view(&blob, kernel).ok_or(RenderError::Network)?;
         let proposer = prepared.view_proposal(&blob, kernel);
         Ok(Self { blob, network, proposer, occupied })
     }
 
-    /// Returns a renderer of `blob`, or `None` if there are fewer parameters or table values than the network has.
-    /// `prepared`: copies of the values that `kernel` cannot read from the blob's bytes. `occupied`: coarse copy of the
-    /// blob's occupancy grid.
+    /// Returns a renderer of `blob`, or `None` if parameters or table values are missing. `prepared`: copies of the
+    /// values that `kernel` cannot read from the blob's bytes. `occupied`: coarse copy of the occupancy grid.
     #[cfg(all(feature = "std", not(target_os = "none")))]
     pub(crate) fn of_prepared(
         blob: Blob<'a>,

@@ -78,8 +78,7 @@ pub struct Pixel {
     pub opacity: f32,
     /// Mean distance along the ray, world units; the frame's far distance if opacity is at most [`OPACITY_EPSILON`].
     pub ray_distance: f32,
-    /// Mean distance along the view axis, world units; the frame's far distance if opacity is at most
-    /// [`OPACITY_EPSILON`].
+    /// Mean distance along the view axis, world units; the far distance if opacity is at most [`OPACITY_EPSILON`].
     pub z_depth: f32,
     /// First distance along the ray at which the transmittance is below one half, world units; the frame's far distance
     /// if there is none, 0 if not requested.
@@ -141,8 +140,7 @@ impl Accumulator {
     /// Adds the density of the next sample, at distance `t`, and returns the sample's weight.
     ///
     /// `sigma`: 1/world unit, clamped to `>= 0`; must not be NaN. `t`: world units along the ray, finite. `delta`:
-    /// width of the sample's bin, world units. If `sigma` or `delta` is +inf, the sample is opaque, unless the other is
-    /// 0.
+    /// width of its bin, world units. If `sigma` or `delta` is +inf, the sample is opaque, unless the other is 0.
     #[inline]
     pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
         let tau = thickness(sigma, delta);

@@ -40,8 +40,7 @@ pub struct Lens {
     pub projection: Projection,
 }
 
-/// Projection of a lens without distortion: maps the angle between a direction and the axis to a distance from the
-/// principal point.
+/// Projection without distortion: maps the angle between direction and axis to a distance from the principal point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Projection {
     /// Pinhole: distance from the principal point, in focal lengths, is the tangent of the angle to the axis.

@@ -1,5 +1,4 @@
-//! The radial-tangential lens model, its inverse, and tests for folds: past a fold, one image point shows two
-//! directions.
+//! The radial-tangential lens model, its inverse, and tests for folds, past which an image point shows two directions.
 
 use super::{Lens, Projection};
 use glam::{Vec2, Vec3};
@@ -192,8 +191,7 @@ impl Lens {
     }
 
     /// Finds the direction (right, down, forward) seen at the normalised image coordinates `(xd, yd)`. `None` if
-    /// [`Lens::direction`] is `None`. If `from_axis` is true, also `None` if the lens folds between the axis and the
-    /// direction.
+    /// [`Lens::direction`] is `None`, or if `from_axis` is true and the lens folds between axis and direction.
     pub(crate) fn invert(&self, xd: f32, yd: f32, from_axis: bool) -> Option<Vec3> {
         let dir = self.direction(xd, yd)?;
         let folds = || match self.projection {

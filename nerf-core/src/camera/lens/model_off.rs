@@ -26,8 +26,7 @@ impl Lens {
         Some(Vec3::new(xd, yd, 1.0))
     }
 
-    /// Projects a direction (right, down, forward) to normalised image coordinates; `None` if the direction does not
-    /// point forward.
+    /// Projects a direction (right, down, forward) to normalised image coordinates; `None` unless `dir` points forward.
     pub fn project(&self, dir: Vec3) -> Option<(f32, f32)> {
         (dir.z > 0.0).then(|| (dir.x / dir.z, dir.y / dir.z))
     }

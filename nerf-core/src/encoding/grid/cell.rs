@@ -80,9 +80,8 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// Returns the interpolation weight of each row (two corners that differ only in x), without the weight along x. A
-    /// row's weight is the weight along y in 2D (`ROWS` = 2), and the weight along y times the weight along z in 3D
-    /// (`ROWS` = 4).
+    /// Returns the interpolation weight of each row (two corners that differ only in x), without the weight along x. In
+    /// 2D (`ROWS` = 2) it is the weight along y, in 3D (`ROWS` = 4) the weight along y times that along z.
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;
@@ -111,8 +110,7 @@ impl<V: Lanes> Cells<V> {
         weights
     }
 
-    /// Derivative of each row's weight ([`Cells::row_weights`]) with respect to z, where z is counted in cells. Only
-    /// for 3D.
+    /// Derivative of each row's weight ([`Cells::row_weights`]) with respect to z, counted in cells. Only for 3D.
     #[cfg(feature = "normals")]
     #[inline(always)]
     pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {

@@ -115,8 +115,7 @@ impl<T: Value> Encode<'_, T> {
 /// Encodes the positions `units`, 0 to 1 on each axis of the box, at one level. Writes the encoded values to `out`,
 /// `[outputs][stride]`, from column `first` on. `reads`: working memory, overwritten.
 ///
-/// The function is not inlined in WebAssembly: in a larger function, V8 recomputes the level's constants for each
-/// vector.
+/// Not inlined in WebAssembly: in a larger function, V8 recomputes the level's constants for each vector.
 #[cfg_attr(target_arch = "wasm32", inline(never))]
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(

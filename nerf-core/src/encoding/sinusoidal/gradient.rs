@@ -50,8 +50,7 @@ struct Gradient<'a> {
     encoding: &'a SinusoidalEncoding,
     stride: usize,
     s: f32,
-    /// Factor of each level `k` in the derivative: `2^k exp(−½ (2^k s blur)²)`. Does not include the factor `s`, which
-    /// all levels have in common.
+    /// Factor of each level `k` in the derivative: `2^k exp(−½ (2^k s blur)²)`, without the factor `s` of all levels.
     factors: [f32; MAX_LEVELS as usize],
     encoded: &'a [f32],
     of_encoded: &'a [f32],

@@ -7,8 +7,7 @@
 //! | [`ThinLens`] | `depth-of-field` | a few dozen operations per ray |
 //! | [`Tone`] | `tone-map` | powers `x^p`, for conversion between sRGB and linear light |
 //!
-//! [`Tone`] computes 3 powers `x^p` per ray and 3 powers per pixel. With linear output, it computes 3 powers per ray
-//! and 3 powers per coloured sample.
+//! [`Tone`] computes 3 powers `x^p` per ray and 3 per pixel; with linear output, 3 per ray and 3 per coloured sample.
 //!
 //! [`Plan::with_effects`](crate::plan::Plan::with_effects) checks the effects. Each effect is a stage of the frame in
 //! [`crate::render`], except [`Jitter`], which is in [`crate::sampling`]. In a build without an effect's feature, a
@@ -64,8 +63,7 @@ impl ThinLens {
     pub const LARGEST: f32 = 1e9;
 }
 
-/// Exposure, tone curve and linear output. All three act on linear light: the network's display-encoded (sRGB) colours
-/// are decoded first.
+/// Exposure, tone curve and linear output, which act on linear light: the network's sRGB colours are decoded first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
     /// Exposure, stops (doublings of the light): −[`Tone::MAX_STOPS`] to [`Tone::MAX_STOPS`]; 0 changes nothing.
@@ -110,8 +108,7 @@ names! {
 }
 
 impl Effects {
-    /// No effect: one ray through each pixel's centre, samples in the middle of their bins, colours as the
-    /// network gives them.
+    /// No effect: one ray through each pixel's centre, samples in the middle of their bins, the network's own colours.
     pub const NONE: Self = Self { jitter: None, anti_aliasing: 1, depth_of_field: None, tone: Tone::NONE };
     /// Maximum number of rays per pixel.
     pub const MAX_RAYS: u16 = 256;

@@ -55,8 +55,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Returns the indices in `Deferred::sums` at which the sums of field `member` on the rays `ray..ray + count` are
-    /// stored.
+    /// Indices in `Deferred::sums` of the sums of field `member` on the rays `ray..ray + count`.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };
@@ -94,8 +93,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Returns the buffers for evaluating the colour branch once per ray, and the sums of field `member` on the first
-    /// `count` rays.
+    /// Buffers for the colour branch, evaluated once per ray, and the sums of field `member` on the first `count` rays.
     pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
         let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
         (&mut self.networks, sums)

@@ -41,9 +41,8 @@ impl<'w> Medians<'w> {
         distance.is_some_and(|&distance| distance == NOT_YET && gathered.transmittance() < 0.5)
     }
 
-    /// Computes and stores the median distance of `ray`, which lies in the interval of middle `mid` and width `delta`,
-    /// world units. `sigma`: density of the interval, 1/world unit. `before`: optical thickness in front of the
-    /// interval.
+    /// Stores the median distance of `ray`, which lies in the interval of middle `mid` and width `delta`, world units.
+    /// `sigma`: density of the interval, 1/world unit. `before`: optical thickness in front of the interval.
     pub fn put(&mut self, ray: u32, before: f32, sigma: f32, [mid, delta]: [f32; 2]) {
         if let Some(distance) = self.distance.get_mut(ray as usize) {
             *distance = median_in_bin(before, sigma, mid, delta);

@@ -4,8 +4,7 @@ use crate::camera::{Camera, Ray};
 use crate::space::Placement;
 use glam::Vec3;
 
-/// Placement of a frame's single, unscaled field. `None` if the placement is the identity, or if `Merge` transforms the
-/// rays itself.
+/// Placement of a frame's single, unscaled field. `None` for the identity, or if `Merge` transforms the rays itself.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct Placed(pub Option<Placement>);
 

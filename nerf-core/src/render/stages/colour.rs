@@ -26,8 +26,7 @@ pub(in crate::render) struct Colour<'w> {
     owner: &'w mut [u32],
     weight: &'w mut [f32],
     queued: usize,
-    /// Buffer with two uses, `[3][stride]`: holds the directions of a block of rays, and later the colours of a block
-    /// of samples.
+    /// `[3][stride]`: first the directions of a block of rays, later the colours of a block of samples.
     rgb: &'w mut [f32],
 }
 
@@ -69,8 +68,7 @@ impl<'w> Colour<'w> {
         }
     }
 
-    /// Queues the samples that compositing picked from the block; evaluates the colour branch whenever the queue is
-    /// full.
+    /// Queues the block's samples that compositing picked; evaluates the colour branch whenever the queue is full.
     fn queue(&mut self, tile: &mut TileState<'_, '_>, picks: &Compositing<'_>, counters: &mut Counters) {
         let (room, stride) = (self.owner.len(), tile.density.scratch.stride);
         for (column, weight) in picks.iter() {

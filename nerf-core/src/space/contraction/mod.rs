@@ -62,8 +62,7 @@ impl Contraction {
         self.radius
     }
 
-    /// Power `p` of [`Contraction::distance`], which sets how the distances between samples grow outside the inner
-    /// ball.
+    /// Power `p` of [`Contraction::distance`]: how the distances between samples grow outside the inner ball.
     pub fn power(&self) -> u8 {
         self.power
     }
@@ -171,8 +170,7 @@ impl Contraction {
         self.distance_lanes(s)
     }
 
-    /// Converts a vector of positions `s` along rays to distances in world units, as [`Contraction::distance`] does for
-    /// one position.
+    /// Converts positions `s` along rays, one per lane, to distances in world units, as [`Contraction::distance`] does.
     #[inline(always)]
     pub fn distance_lanes<V: Lanes>(&self, s: V) -> V {
         let (one, size, least) = (V::splat(1.0), s.abs(), V::splat(1.0 / FARTHEST));
