@@ -10,8 +10,7 @@ use std::fmt;
 const MIN_TRACK: u32 = 3;
 /// Mean reprojection error at or above which a point is not used, pixels of the full-size photograph.
 const MAX_ERROR: f32 = 2.0;
-/// Distance between a key point and the projection of its 3D point, at or above which the key point is not used; pixels
-/// of the view.
+/// Distance of a key point from the projection of its 3D point, pixels of the view, from which on it is not used.
 const MAX_RESIDUAL: f32 = 3.0;
 /// Number of photographs that must show a point for full confidence in the point.
 const FULL_TRACK: f32 = 6.0;
@@ -35,8 +34,7 @@ pub struct Sights {
     pub of_views: Vec<Vec<Sight>>,
     /// Number of key points of each view that are not used because their 3D point does not project near them.
     pub contradictory: Vec<usize>,
-    /// Number of key points of all views that are not used because too few photographs show their 3D point, or because
-    /// the point's reprojection error is too large.
+    /// Number of key points of all views left out for too few photographs of their 3D point, or for a large residual.
     doubtful: usize,
 }
 

@@ -6,8 +6,7 @@ use nerf_core::space::BoundsError;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Error of reading a data set. The message names the file and the field, and says what was expected and what was
-/// found.
+/// Error of reading a data set. The message names file and field, and says what was expected and what was found.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatasetError {

@@ -8,8 +8,7 @@ use std::time::Instant;
 
 /// Number of steps between two points of the training curve, apart from the points at validations.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Length of a step, seconds, above which the state is serialised before the next step. If a signal arrives during the
-/// next step, this state is saved.
+/// Length of a step, seconds, above which the state is serialised before the next step, to be saved on a signal.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -19,13 +18,11 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Returns the used fraction of the budget. The used time includes the next step, which is assumed to last as long
-    /// as the last step: `last_step` seconds.
+    /// Returns the used fraction of the budget, with the next step, assumed as long as the last: `last_step` seconds.
     fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> anyhow::Result<()>;
-    /// Returns the validation that is due, or `None`. `share`: used fraction of the budget. `ended`: whether the last
-    /// step is done.
+    /// Returns the validation that is due. `share`: used fraction of the budget. `ended`: the last step is done.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
     /// Adds a point without validation to the training curve, if a point is due at this step and the curve has no point
@@ -59,8 +56,7 @@ pub enum Ended<O> {
     },
 }
 
-/// Does training steps until the budget is used or `stop` returns true. Before each step, calls `stop` with the number
-/// of steps done.
+/// Does training steps until the budget is used or `stop`, called with the number of steps done, returns true.
 ///
 /// A checkpoint is written every `checkpoint_every` seconds. If a signal arrives during a long step, a validation or
 /// the final export, the state before this work is saved.
@@ -140,8 +136,7 @@ impl Keeper {
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 
-    /// Writes a checkpoint, if the run keeps one. If writing fails, the previous checkpoint is kept; only the first
-    /// failure is reported.
+    /// Writes a checkpoint, if the run keeps one. A failed write leaves the last one, and is reported the first time.
     fn save(&mut self, task: &impl Task, progress: &Progress) {
         self.last = Instant::now();
         let Some((path, bytes)) = task.checkpoint() else { return };

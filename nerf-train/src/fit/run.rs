@@ -24,8 +24,7 @@ use std::time::Instant;
 
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits in steps and seconds. The limit in seconds applies to this command alone, even if the command resumes a
-    /// run.
+    /// Limits in steps and seconds. The limit in seconds applies to this command alone, even if it resumes a run.
     pub budget: Budget,
     /// Least number of steps. The run fails if its limit in seconds is reached before this number of steps.
     pub min_steps: u32,
@@ -38,8 +37,7 @@ pub struct RunOptions {
     pub report: bool,
     /// Steps between validations during training; `None` validates after each eighth of the budget.
     pub validate_every: Option<u32>,
-    /// Least PSNR, dB, that view-dependent colour must gain to be exported. With `None`, view-dependent colour is
-    /// always exported.
+    /// Least PSNR, dB, that view-dependent colour must gain to be exported. `None`: exported in any case.
     pub effect_threshold_db: Option<f64>,
     /// Folder in which the newest blob is kept for a web page; `None` writes no blob during the run.
     pub live: Option<PathBuf>,

@@ -96,8 +96,7 @@ pub fn evaluate<'v>(
 pub struct EvalOptions {
     /// Background colour; `None`: the background stored in the scene file.
     pub background: Option<[f32; 3]>,
-    /// Interval N of a lattice: PSNR is also measured on every N-th pixel of every N-th row, as in many publications.
-    /// `None`: not measured.
+    /// Interval N: PSNR is also measured on every N-th pixel of every N-th row, as in many papers. `None`: it is not.
     pub lattice: Option<u32>,
 }
 

@@ -33,11 +33,9 @@ impl From<TableStorage> for Rounding {
     }
 }
 
-/// Fraction of a run after which training reads int8 and coded tables rounded as in the exported file, so that the
-/// parameters adapt to the rounding.
+/// Fraction of a run after which training reads int8 and coded tables rounded as in the file, to adapt to the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// For each candidate quantisation step: fraction of a level's values that the step does not clip. The values of
-/// largest magnitude are clipped.
+/// For each candidate step: fraction of a level's values that it does not clip. The largest magnitudes are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -143,9 +141,8 @@ pub(super) fn steps(value: f32, scale: f32) -> f32 {
     ((value / scale).clamp(-STEPS, STEPS) + WHOLE) - WHOLE
 }
 
-/// Returns the quantisation step with the least squared error of rounding and clipping a level's values. There is one
-/// candidate step for each fraction in [`KEPT`]. A few values are often many times as large as all others: clipping
-/// these few adds less error than coarse steps.
+/// Returns the quantisation step, among one for each fraction in [`KEPT`], with the least squared error of a level's
+/// values. A few are often many times as large as all others: clipping these adds less error than coarse steps.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);

@@ -89,8 +89,7 @@ pub fn write_still(
     Ok(())
 }
 
-/// Returns name and values of each channel of an output, for an EXR file. Names such as `R`, `Z` and `N.X` are those of
-/// compositing programs.
+/// Returns name and values of each channel of an output, for an EXR file, with the names of compositing programs.
 fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
     let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
     match output {

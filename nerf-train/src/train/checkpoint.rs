@@ -1,7 +1,6 @@
 //! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Runs with the same output path use one checkpoint file. [`Checkpoint::check_belongs`] refuses the checkpoint of
-//! another run.
+//! Runs with the same output path use one checkpoint file; [`Checkpoint::check_belongs`] refuses that of another run.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -157,9 +156,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Returns the settings that must not change when a run is resumed. They are JSON because TOML cannot store the seed, a
-/// u64. Settings that may change are set to 1: the number of steps and, with a learned grid, the number of samples per
-/// ray.
+/// Returns the settings that must not change when a run is resumed, as JSON, since TOML cannot store the seed, a u64.
+/// Settings that may change are 1: number of steps and, with a learned grid, number of samples per ray.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();

@@ -150,8 +150,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns `config`. With `--max-bytes`, changes the grid so that the file has at most that many bytes, and reports
-    /// the changed grid.
+    /// Returns `config`. With `--max-bytes`, changes the grid so that the file fits, and reports the changed grid.
     fn within_bytes(
         &self,
         config: FieldConfig,
@@ -212,8 +211,7 @@ impl Fit {
         global.finish(&summary)
     }
 
-    /// Checks the options before the image is read. Returns the paths of the checkpoint file and of the snapshot
-    /// folder; `None` for a path that is not written.
+    /// Checks the options before the image is read. Returns the paths of checkpoint and snapshots; `None`: not written.
     fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
         // The picture's size is still unknown. The settings are checked again when it is known.
         self.config([MAX_SIDE; 2])?;

@@ -79,8 +79,7 @@ impl Space {
         }
     }
 
-    /// Applies `self` to `config`: `Contracted` adds a contraction if missing, `Box` removes the contraction, `Auto`
-    /// changes nothing.
+    /// Applies `self` to `config`: `Contracted` adds a missing contraction, `Box` removes one, `Auto` changes nothing.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -158,8 +157,7 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// Reads a data set as [`Self::read_given_for`] does. Then gives each view its refined pose, if one is stored next
-    /// to the scene file `file`.
+    /// Reads a data set as [`Self::read_given_for`] does, with the refined poses stored next to the scene file `file`.
     pub fn read_for(
         &self,
         path: &Path,

@@ -21,8 +21,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Returns the last part of the message about an interruption: whether the finished images are kept, and in which
-    /// folder. `output`: path of `-o`.
+    /// Returns the last part of the message about an interruption: which finished images are kept in `output` (`-o`).
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),

@@ -94,8 +94,7 @@ impl Source<'_> {
             let side = |side: f64| (side / factor).round().clamp(1.0, 65_535.0) as u32;
             (side(w), side(h))
         });
-        // Pictures are never enlarged. Pictures one pixel too large are kept, because programs that write smaller
-        // copies round sizes differently.
+        // Pictures are never enlarged. One pixel too many is kept: programs that write smaller copies round otherwise.
         let larger = found.0 > width + 1 || found.1 > height + 1;
         let (width, height) = if larger { (width.min(found.0), height.min(found.1)) } else { found };
         if (w, h) != own && !photo.reduced {

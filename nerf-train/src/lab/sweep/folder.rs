@@ -21,8 +21,7 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Resumes the sweep in the folder `path`, or begins a new sweep in it. Fails if the folder holds a sweep with
-    /// other settings.
+    /// Resumes or begins the sweep in the folder `path`. Fails if the folder holds a sweep with other settings.
     pub fn open(path: &Path, header: Header) -> anyhow::Result<Self> {
         let file = path.join(FILE);
         if !file.exists() {

@@ -129,8 +129,7 @@ pub struct AuditOptions {
 
 /// Renders each view with all effects, and again without each single effect. Returns every effect's gain and cost.
 /// `rays`: views over whose rays the encoded direction is averaged, to leave out view dependence. `each`: function
-/// called after every frame, with the number of frames rendered and the number of all frames. Fails if `views` is
-/// empty.
+/// called after every frame, with the numbers of rendered and of all frames. Fails if `views` is empty.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
@@ -238,8 +237,7 @@ pub enum EffectSummary {
 }
 
 impl Summary {
-    /// Returns the summary of an audit. `split`: name of the split. `views`: number of views rendered. `background`:
-    /// background colour of the scene.
+    /// Returns the summary of an audit. `split`: its name. `views`: number of views. `background`: of the scene.
     pub fn of(
         audit: &Audit,
         threshold_db: f64,

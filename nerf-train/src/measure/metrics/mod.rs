@@ -100,9 +100,8 @@ pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 
     ssim_of(a, b, width, height, None)
 }
 
-/// Returns [`ssim`] of the marked pixels. `counts`, `[width * height]`: whether each pixel is marked; `None` if all
-/// are. Unmarked pixels are taken as equal in the two pictures. The mean is over the windows whose middle pixel is
-/// marked; NaN if there are none.
+/// Returns [`ssim`] of the marked pixels. `counts`, `[width * height]`: whether each pixel is marked; `None`: all are.
+/// Unmarked pixels are taken as equal. The mean is over windows whose middle pixel is marked; NaN if there are none.
 pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let pixels = width.checked_mul(height).unwrap_or(0);
     let differ = |length: usize| length != pixels;

@@ -53,8 +53,7 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradient of layer `d`, taken from `found`, to the layer's range of `out`. `out`: gradient of the loss
-    /// with respect to the parameters of all layers.
+    /// Adds the gradient of layer `d`, taken from `found`, to its range of `out`, the gradient of all parameters.
     pub(super) fn collect(
         &self,
         d: &Dense,
@@ -146,8 +145,7 @@ impl Rows {
     }
 }
 
-/// Composites colours over `background`, `[rays][3]`. `shown`: Σ weight · colour of each ray, `[rays][3]`;
-/// `transmittance`: transmittance at the end of each ray.
+/// Composites over `background`, `[rays][3]`. `shown`: Σ weight · colour, `[rays][3]`; `transmittance`: at a ray's end.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,

@@ -15,8 +15,7 @@ use zip::write::FileOptions;
 /// Densities and colours at the centres of cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Volume {
-    /// Lower corner of the first cell, world units. The coordinates are those of the scene file; the caller adds the
-    /// origin.
+    /// Lower corner of the first cell, world units, in the scene file's coordinates; the caller adds the origin.
     pub min: [f64; 3],
     /// Side of a cell, world units.
     pub cell: f32,

@@ -131,8 +131,7 @@ impl LinePlot {
         Ok(paths)
     }
 
-    /// Returns whether the axes can show the point: no coordinate exceeds `LARGEST` in magnitude and, on a logarithmic
-    /// axis, x ≥ `1 / LARGEST`.
+    /// Whether the axes can show the point: |x|, |y| ≤ `LARGEST` and, on a logarithmic axis, x ≥ `1 / LARGEST`.
     fn has_place(&self, (x, y): (f64, f64)) -> bool {
         x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
     }
@@ -242,9 +241,8 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the notes at the bottom. `left_out`: number of points that the plot leaves out; if it is above 0, a
-    /// further note states it. `top`: first row of pixels below the title. Returns the row of pixels at which the space
-    /// for the chart ends.
+    /// Draws the notes at the bottom, with a further one on `left_out` points if above 0. `top`: first row of pixels
+    /// below the title. Returns the row of pixels at which the space for the chart ends.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -350,9 +348,8 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Returns the range and the ticks of a logarithmic axis. The range contains all values; without values, it contains 1
-/// and 10. The ticks are 1, 2 and 5 times the powers of ten. If these are more than [`TICKS`], the ticks are every n-th
-/// power of ten.
+/// Returns the range and the ticks of a logarithmic axis. The range contains all values or, without values, 1 and 10.
+/// The ticks are 1, 2 and 5 times powers of ten; if these are more than [`TICKS`], every n-th power of ten.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;

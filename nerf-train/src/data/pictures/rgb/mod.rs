@@ -94,8 +94,7 @@ impl Picture {
         self.box_filtered(self.width.div_ceil(factor), self.height.div_ceil(factor))
     }
 
-    /// Reduces the picture to `width` × `height` pixels. Each new pixel has the mean of the display-encoded colours of
-    /// the old pixels that it overlaps.
+    /// Reduces the picture to `width` × `height` pixels, each the mean of the display-encoded colours that it overlaps.
     pub fn box_filtered(&self, width: usize, height: usize) -> Self {
         let block =
             |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));

@@ -121,8 +121,7 @@ impl Evaluated {
         }
     }
 
-    /// Resets the states of `rays`. `first`: index in the batch of the first ray's first sample. Returns the index
-    /// after the last ray's last sample.
+    /// Resets the states of `rays`, whose samples begin at index `first` of the batch. Returns the index after these.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();

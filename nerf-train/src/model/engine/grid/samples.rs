@@ -119,8 +119,7 @@ impl Samples {
     }
 }
 
-/// Copies some rows of `from`, `[…][width]`, to the start of `to`. If `to` is too short, it is enlarged. `rows`:
-/// indices of the rows to copy.
+/// Copies the rows `rows` of `from`, `[…][width]`, to the start of `to`, which is enlarged if it is too short.
 fn take_rows(from: &[f32], width: usize, rows: &[u32], to: &mut Vec<f32>) {
     grow(to, padded(rows.len()) * width);
     for (to, &row) in to.chunks_exact_mut(width).zip(rows) {

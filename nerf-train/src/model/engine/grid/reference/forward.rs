@@ -88,8 +88,7 @@ pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Re
     Ok(raw.try_reshape_like(&(samples,))?.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?)
 }
 
-/// Returns the colours, `[rows][3]`, recorded on a new tape. `h`: features of each row; `dirs`: viewing direction of
-/// each row.
+/// Returns the colours, `[rows][3]`, on a new tape. `h`: features of each row; `dirs`: viewing direction of each row.
 pub(super) fn colour(
     engine: &GridReferenceEngine,
     network: &Network,
