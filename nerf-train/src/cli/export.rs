@@ -120,7 +120,6 @@ impl Export {
         global.finish(&summary)
     }
 
-    /// Checks the options before anything is read. Returns the kind of export.
     fn check(&self) -> anyhow::Result<Kind> {
         check_counts([("--points", self.points())])?;
         if let Some(threshold) =

@@ -105,7 +105,6 @@ impl Import {
         global.finish(&summary)
     }
 
-    /// Checks the options before any network is read.
     fn check(&self) -> anyhow::Result<()> {
         self.settings.check()?;
         check_threshold(self.effect_threshold)?;

@@ -44,7 +44,6 @@ impl View {
         (i.width, i.height)
     }
 
-    /// Returns the pixel in column `x` and row `y`; `None` outside of the picture.
     pub fn pixel(&self, x: u32, y: u32) -> Option<[u8; 4]> {
         let (width, height) = self.size();
         let index = y as usize * width as usize + x as usize;

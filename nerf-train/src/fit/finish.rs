@@ -61,7 +61,6 @@ pub struct Outcome {
     /// PSNR lost by rendering without the occupancy grid, dB, on training views. `None` for a learned grid: in space
     /// without training samples its tables hold arbitrary values, so that rendering needs the occupancy grid.
     pub occupancy_loss_db: Option<f64>,
-    /// Whether the field must be rendered with its occupancy grid.
     pub occupancy_required: bool,
     pub view_dependence: Option<ViewDependence>,
     pub subnormal_weights: usize,

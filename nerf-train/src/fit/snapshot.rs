@@ -6,7 +6,6 @@ use anyhow::bail;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Folder, steps and views of the snapshots that a run takes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SnapshotOptions {
     /// Folder of the report; images are written to the folder `snapshots` inside this folder.

@@ -103,7 +103,6 @@ pub struct Totals {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seconds {
     pub rounds: usize,
-    /// Median over the rounds of timing.
     pub median: f64,
     pub low: f64,
     pub high: f64,

@@ -33,7 +33,6 @@ pub enum Output {
 }
 
 impl Output {
-    /// Returns whether the output is a distance, which is shown in a colour map.
     pub fn is_distance(self) -> bool {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
@@ -60,7 +59,6 @@ impl Output {
     }
 }
 
-/// Returns whether the path has the extension `.exr`, in upper or lower case.
 pub fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(OsStr::new("exr")))
 }

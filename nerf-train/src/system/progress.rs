@@ -161,7 +161,6 @@ impl Progress {
         }
     }
 
-    /// Calls [`update`](Self::update) with an empty message.
     pub fn reach(&mut self, position: usize) {
         self.update(position as u64, &Message::default());
     }

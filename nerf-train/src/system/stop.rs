@@ -121,7 +121,6 @@ type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 pub struct Note(());
 
 impl Note {
-    /// Creates the guard. `message`: text to print on a signal.
     pub fn new(message: impl Into<String>) -> Self {
         let note = Self(());
         note.say(message);

@@ -107,7 +107,6 @@ impl TableSettings {
 /// average) and an f16 copy for export. A checkpoint takes 60 more: a copy of the five and two serialised copies.
 const BYTES_PER_VALUE: u64 = 82;
 
-/// Refuses tables that do not fit into memory.
 pub fn check_memory(grid: &GridEncoding) -> anyhow::Result<()> {
     let values = grid.values() as u64;
     memory::check(format!("tables of {values} values"), values, BYTES_PER_VALUE, "lower --table")

@@ -185,7 +185,6 @@ fn resized(render: &Render, camera: &Camera, size: (u32, u32)) -> Result<Camera,
     Camera::new(intrinsics, *camera.lens(), *camera.pose())
 }
 
-/// Refuses a video of no frames, or of more than [`MAX_FRAMES`].
 fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     match frames {
         0 => bail!("{flag}: expected at least 1 frame, found 0"),

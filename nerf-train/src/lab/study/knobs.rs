@@ -5,7 +5,6 @@ use crate::measure::point::{MATHS, Precision, Settings};
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::{Isa, Kernel, Storage};
 
-/// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
     /// Whether points of a blob's Pareto front store this setting. If false, all of them use its base value.

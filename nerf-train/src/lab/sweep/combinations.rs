@@ -69,7 +69,6 @@ impl Point {
         values.iter().fold(Self::default(), |point, &(knob, value)| point.with(knob, value))
     }
 
-    /// Returns this point with `value` as the value of `knob`.
     #[must_use]
     pub fn with(mut self, knob: Knob, value: f64) -> Self {
         self.0[knob as usize] = Some(value);

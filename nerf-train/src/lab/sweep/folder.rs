@@ -44,7 +44,6 @@ impl Folder {
         Ok(Self { path: path.into(), header })
     }
 
-    /// Fails unless `other` describes the same sweep.
     pub fn check_same(&self, other: &Header) -> anyhow::Result<()> {
         let tree = |header: &Header| serde_json::to_value(header).unwrap_or_default();
         match difference(&tree(other), &tree(&self.header)) {

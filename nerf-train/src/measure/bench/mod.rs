@@ -86,7 +86,6 @@ impl<'b> Variants<'b> {
         self.variants[variant].has_occupancy
     }
 
-    /// Whether the blob has a proposal network for importance sampling.
     pub fn has_proposal(&self) -> bool {
         self.blob.proposal().is_some()
     }

@@ -92,7 +92,6 @@ pub struct LinePlot {
 }
 
 impl LinePlot {
-    /// Creates a plot without series, with linear axes.
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
         let (title, x_label, y_label): (String, String, String) =
             (title.into(), x_label.into(), y_label.into());
@@ -101,7 +100,6 @@ impl LinePlot {
         Self { title, x_label, y_label, ..Self::default() }
     }
 
-    /// Returns the plot as a picture of 1100 × 720 pixels.
     pub fn to_picture(&self) -> anyhow::Result<Picture> {
         let mut bytes = vec![0; 3 * WIDTH * HEIGHT];
         self.draw(BitMapBackend::with_buffer(&mut bytes, SIZE).into_drawing_area())?;
@@ -109,7 +107,6 @@ impl LinePlot {
         Picture::new(WIDTH, HEIGHT, rgb.collect())
     }
 
-    /// Returns the plot as the text of an SVG file of 1100 × 720 pixels.
     pub fn to_svg(&self) -> anyhow::Result<String> {
         let mut svg = String::new();
         self.draw(SVGBackend::with_string(&mut svg, SIZE).into_drawing_area())?;

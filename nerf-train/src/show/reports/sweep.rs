@@ -206,7 +206,6 @@ fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
     plot
 }
 
-/// Returns a scatter plot of the runs: PSNR over training time.
 fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
     let title = format!("{}: PSNR over training time", folder.header.data);
     let mut plot = LinePlot::new(title, "training time, s", measured(folder.header.kind));
@@ -260,7 +259,6 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     (!cells.is_empty()).then(|| contact_sheet(&folder.header.data, &cells, columns))
 }
 
-/// Machine-readable results of a sweep.
 #[derive(Debug, Serialize)]
 pub struct Summary<'r> {
     pub report: String,
@@ -268,7 +266,6 @@ pub struct Summary<'r> {
 }
 
 impl<'r> Summary<'r> {
-    /// Returns the summary of the runs of a sweep, whose report is at `report`.
     pub fn of(records: &'r [Record], report: &Path) -> Self {
         Self { report: report.display().to_string(), runs: records.iter().map(RunSummary).collect() }
     }

@@ -31,7 +31,6 @@ pub struct ClaimError {
 /// Treatment of an output file that exists already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// The output replaces the file.
     Replace,
     /// The output replaces the file if this program made the file; otherwise the output is refused.
     ReplaceOwn,

@@ -31,9 +31,7 @@ pub enum Attempt {
     ProbeFolder,
     /// Creating the temporary file next to the final name, or opening a device.
     Create,
-    /// Writing or flushing bytes to the disk.
     Write,
-    /// Renaming the finished file to its final name.
     Rename,
 }
 

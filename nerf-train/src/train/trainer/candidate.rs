@@ -31,7 +31,6 @@ pub struct Candidate {
 /// Facts that are written into an exported blob and that the trainer does not know.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct About<'a> {
-    /// Whether the field must be rendered with its occupancy grid.
     pub occupancy_required: bool,
     pub psnr_db: Option<f64>,
     pub convention: &'a str,

@@ -33,7 +33,6 @@ impl Picture {
         }
     }
 
-    /// Returns the colour at column `x`, row `y`; `None` outside of the picture.
     pub fn pixel(&self, x: usize, y: usize) -> Option<[f32; 3]> {
         (x < self.width).then(|| self.rgb.get(y.checked_mul(self.width)?.checked_add(x)?).copied())?
     }
