@@ -23,8 +23,7 @@ pub struct Sight {
     pub point: u32,
     /// Distance from the camera to the point, world units.
     pub distance: f32,
-    /// Confidence, 0 to 1: `min(1, track / 6) / (1 + error²)`. `track`: number of photographs that show the point.
-    /// `error`: mean reprojection error of the point, pixels.
+    /// Confidence, 0 to 1: `min(1, track / 6) / (1 + error²)`, with `track` and mean reprojection `error` of the point.
     pub confidence: f32,
 }
 

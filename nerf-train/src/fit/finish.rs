@@ -330,9 +330,8 @@ pub struct ViewDependence {
     pub left_out: bool,
 }
 
-/// Removes the view dependence of the export candidate if PSNR falls by less than the threshold. To remove it, replaces
-/// the encoded direction by its mean over training rays. Returns the loss and the decision; `None` if no threshold is
-/// set, or if colour does not depend on the direction.
+/// Removes the view dependence of the export candidate, by the mean encoded direction over training rays, if PSNR falls
+/// by less than the threshold. Returns the loss and the decision; `None` without a threshold or view dependence.
 ///
 /// PSNR is measured on training views: validation views must not decide what is exported.
 pub(super) fn ask_direction(

@@ -71,9 +71,8 @@ impl RunOptions {
         Ok(Some(serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default()))
     }
 
-    /// Reads the checkpoint and passes it to `restore`, if the run resumes. Returns `clock` with the seconds of the
-    /// checkpoint added. Fails if the checkpoint belongs to a run with another `config` or `data`. `config`: settings
-    /// of this run, as JSON. `data`: name and fingerprint of the data set.
+    /// Reads the checkpoint and passes it to `restore`, if the run resumes. Returns `clock` plus the seconds of the
+    /// checkpoint. Fails if the checkpoint belongs to a run with other settings (`config`, as JSON) or `data`.
     pub(super) fn resumed(
         &self,
         clock: Clock,

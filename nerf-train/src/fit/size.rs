@@ -245,8 +245,7 @@ fn tables(
 }
 
 /// Returns the largest number of cells along x, y, z that an occupancy grid of this `resolution` can have. A run builds
-/// the grid in one of two ways: at full resolution, or at half the resolution with each cell then divided into eight.
-/// Because of rounding, the two ways can give different numbers of cells.
+/// it at full resolution, or at half with each cell then divided into eight, which may round to other numbers.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
@@ -304,8 +303,7 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     length(body, config.network.grid.as_ref())
 }
 
-/// Returns the size of the largest file that a fit of a 2D field can export, bytes. `size`: width and height of the
-/// fitted picture, pixels. `name`: name of the picture.
+/// Returns the size of the largest file of a fit of a 2D field, bytes. `size`, `name`: of the picture.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {

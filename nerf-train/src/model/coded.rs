@@ -18,9 +18,8 @@ const POWER: f32 = 0.25;
 /// Largest number of vertices per entry of a level that is searched for unread entries; with more, few are unread.
 const SHARED: usize = 8;
 
-/// Returns the quantisation step of each level. If `most_bytes` is given, the steps are the smallest with which the
-/// coded tables take at most `most_bytes` bytes. If it is `None`, the steps have the default exponent `OWN`. No step is
-/// smaller than the level's step in int8 storage ([`scale_of`]).
+/// Returns the quantisation step of each level: the smallest with which the coded tables take at most `most_bytes`
+/// bytes or, without a limit, those of the exponent `OWN`. No step is smaller than the level's in int8 ([`scale_of`]).
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -45,8 +44,7 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
 /// [`COARSEST`]. `rounded(i)`: table values rounded to the steps of exponent `i`, one signed byte per value.
 ///
 /// Coding takes 30 times as long as computing the [`entropy`]. The search therefore begins at an exponent estimated
-/// from entropies and one coding. From this exponent, the search moves by strides that double until the result lies
-/// between two tried exponents. Bisection then finds the result.
+/// from entropies and one coding, moves by doubling strides past the result, and ends by bisection.
 fn finest_within(least: i32, most: usize, grid: &GridEncoding, rounded: impl Fn(i32) -> Vec<u8>) -> i32 {
     let exponents: Vec<i32> = (least..COARSEST).collect();
     let by_entropy = |bytes: f64| {

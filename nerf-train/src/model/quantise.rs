@@ -123,9 +123,8 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Returns the quantisation step of each level. For coded tables, the steps are the smallest with which the tables fit
-/// the limit of bytes. Without a limit, coded tables have default steps. For int8, each step is the one of least
-/// squared error. For f16, which needs no steps, the result is as for int8.
+/// Returns the quantisation step of each level: for coded tables, the smallest that fit the limit of bytes, or defaults
+/// without a limit; for int8, those of least squared error, as for f16, which needs none.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),

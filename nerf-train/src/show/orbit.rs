@@ -25,9 +25,8 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// Returns the orbit through the camera of [`SceneFacts::viewpoint`]. If the scene file has no viewpoint, the orbit
-    /// is around the middle of the scene box, with the mean of near and far as radius. `up`: up direction; if `None`,
-    /// the viewpoint's up direction is used, or +z without a viewpoint.
+    /// Returns the orbit through the camera of [`SceneFacts::viewpoint`] or, without one, around the middle of the
+    /// scene box, at the mean of near and far. `up`: up direction; `None`: the viewpoint's, or +z without a viewpoint.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {

@@ -28,8 +28,7 @@ pub(super) struct Grey {
 }
 
 impl Grey {
-    /// Converts a view to grey and divides its size by the smallest whole factor that makes the long side at most
-    /// [`WORKING_SIDE`] pixels. The factor is at most the short side.
+    /// Converts a view to grey, reduced by the smallest whole factor that makes the long side at most [`WORKING_SIDE`].
     pub fn of(view: &View) -> Self {
         let (width, height) = view.size();
         let factor = width.max(height).div_ceil(WORKING_SIDE).clamp(1, width.min(height).max(1));

@@ -50,8 +50,7 @@ fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     label
 }
 
-/// Returns the number of pairs of photographs that agree, and the number of pairs that contradict each other. Only
-/// pairs whose two indices `which` accepts are counted.
+/// Returns the numbers of pairs that agree and that contradict each other, among those whose indices `which` accepts.
 fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     let chosen = pairs.iter().filter(|pair| which(pair.views));
     chosen.fold((0, 0), |(good, bad), pair| {

@@ -105,8 +105,7 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// Finds the mask of photograph `name`; `None` if there is none. For `a.jpg`, the files `a.jpg.png`, `a.png` and
-    /// `a.jpg` in the folder `masks` are tried in this order.
+    /// Finds the mask of photograph `name`, if any: for `a.jpg`, `a.jpg.png`, `a.png` or `a.jpg` in the folder `masks`.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));

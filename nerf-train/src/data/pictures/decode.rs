@@ -44,9 +44,8 @@ pub(super) fn reader<'s>(source: impl Source + 's) -> ImageReader<Box<dyn Source
     ImageReader::new(Box::new(source))
 }
 
-/// Decodes a picture of any bit depth and channel count. The pixels stay as stored: the returned EXIF orientation has
-/// not been applied. The format is recognised by the file's content. A truncated or damaged JPEG is an error, although
-/// most decoders fill the missing part with grey and return no error.
+/// Decodes a picture of any bit depth and channel count, recognised by its content. The returned EXIF orientation has
+/// not been applied. A truncated or damaged JPEG is an error, although most decoders fill the rest with grey.
 pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     decode_of(file, |_| true)
 }

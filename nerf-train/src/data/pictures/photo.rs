@@ -70,8 +70,7 @@ pub(crate) struct Source<'a> {
 
 impl Source<'_> {
     /// Decodes a photograph and makes its camera. Fails if the picture does not have the stated aspect ratio. `optics`
-    /// returns the intrinsics for a width and height, and adds notes. The function receives the stated width and
-    /// height; a side that is not stated is taken from the file.
+    /// returns the intrinsics for the stated width and height, or the file's, and adds notes.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,

@@ -28,8 +28,7 @@ pub enum Knob {
 }
 
 impl Knob {
-    /// Returns the command-line flag, the axis label in plots, and the name of the only encoding that has the setting.
-    /// The name is `None` if all encodings have the setting.
+    /// Returns the flag, the axis label in plots, and the name of the only encoding that has the setting, if not all.
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
             Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),

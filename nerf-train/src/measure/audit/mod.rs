@@ -85,8 +85,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Judges an effect that adds `gain_db` to PSNR and multiplies the number of multiply-adds by `relative_macs`. An
-    /// effect with a gain of NaN (not measured) is kept.
+    /// Judges an effect that adds `gain_db` to PSNR and multiplies the number of multiply-adds by `relative_macs`.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
         // With a gain of NaN (not measured), the effect is kept.

@@ -79,8 +79,7 @@ pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &
 }
 
 impl Node {
-    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`. `parameters`: parameters of all layers; `slots`:
-    /// activation buffers, including the buffers of the layer's inputs.
+    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`, from all `parameters` and its inputs in `slots`.
     pub(super) fn forward(
         &self,
         isa: Isa,

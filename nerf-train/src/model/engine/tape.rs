@@ -77,8 +77,7 @@ pub(super) fn add(to: &mut [f32], values: &[f32]) {
     to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
 }
 
-/// Arrangement of a list of samples as a matrix, `[rays][longest]`. Each ray has one row, padded to the number of
-/// samples of the longest ray. The list holds the samples ray after ray.
+/// Arrangement of samples, ray after ray, as a matrix, `[rays][longest]`, with each ray's row padded to the longest.
 pub(super) struct Rows {
     device: Cpu,
     shape: (usize, usize),
@@ -113,8 +112,7 @@ impl Rows {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
 
-    /// Returns `Σ_i weight_i value_i` over the samples of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0
-    /// after a ray's last sample; `values`: `[samples][channels]`.
+    /// Returns `Σ_i weight_i value_i` of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0 after the last.
     pub(super) fn sums(
         &self,
         weights: Matrix<Taped>,

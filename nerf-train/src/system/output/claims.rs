@@ -161,7 +161,6 @@ impl Claims {
     }
 
     /// Calls [`check`](Self::check), then creates the folders of all outputs and tests that files can be written there.
-    /// Nothing is created if `check` refuses an output.
     pub fn settle(&self) -> Result<(), ClaimError> {
         self.check()?;
         let mut tried = BTreeSet::new();

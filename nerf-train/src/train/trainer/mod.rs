@@ -417,8 +417,7 @@ impl March {
     }
 }
 
-/// Returns the number of rays that give `margin` times the configured number of samples. `live_per_ray`: samples per
-/// ray; if 0 (unknown), returns the configured number of rays.
+/// Returns the number of rays for `margin` times the configured samples; the configured one if `live_per_ray` is 0.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)

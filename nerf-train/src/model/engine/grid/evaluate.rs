@@ -27,8 +27,7 @@ pub(super) struct RayState {
     pub transmittance: f32,
 }
 
-/// Evaluated samples of a chunk, one row per sample in every buffer. Rows are in order of evaluation: the first eight
-/// samples of every ray, then the next eight, and so on.
+/// Evaluated samples of a chunk, a row each, in order of evaluation: first eight of every ray, next eight, and so on.
 #[derive(Default)]
 pub(super) struct Evaluated {
     pub rays: Vec<RayState>,

@@ -15,8 +15,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Maximum number of photographs in a reconstruction whose cameras are merged. The time of bundle adjustment grows with
-/// the cube of the number of photographs: half a minute at this maximum.
+/// Maximum number of photographs whose cameras are merged. Bundle adjustment takes cubic time, here half a minute.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Factor on the mean reprojection error above which the adjusted reconstruction is rejected.
 const MAX_GROWTH: f64 = 1.25;
