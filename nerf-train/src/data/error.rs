@@ -35,14 +35,9 @@ impl DatasetError {
         Self::Fault { path: path.into(), fault: fault.into() }
     }
 
-    /// Makes the error that the value at `place` in a file is not as expected.
-    pub(super) fn value(
-        file: &Path,
-        place: impl Display,
-        expected: impl Display,
-        found: impl Display,
-    ) -> Self {
-        Self::fault(file, format!("{place}: expected {expected}, found {found}"))
+    /// Makes the error that the value at `at` in a file is not as expected.
+    pub(super) fn value(file: &Path, at: impl Display, expected: impl Display, found: impl Display) -> Self {
+        Self::fault(file, format!("{at}: expected {expected}, found {found}"))
     }
 
     /// Makes the error that a view's pose or intrinsics form no valid camera.

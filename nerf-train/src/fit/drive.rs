@@ -3,6 +3,7 @@
 use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress};
 use crate::system::stop::{Claim, Cover};
+use anyhow::Result;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -19,16 +20,16 @@ pub(super) trait Task {
 
     fn steps(&self) -> u32;
     /// Returns the used fraction of the budget, with the next step, assumed as long as the last: `last_step` seconds.
-    fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
+    fn share(&mut self, last_step: f64) -> Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
-    fn check_steps(&self) -> anyhow::Result<()>;
+    fn check_steps(&self) -> Result<()>;
     /// Returns the validation that is due. `share`: used fraction of the budget. `ended`: the last step is done.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
-    fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
+    fn validate(&mut self, due: Self::Due) -> Result<()>;
     /// Adds a point without validation to the training curve, if a point is due at this step and the curve has no point
     /// at this step yet. `ended`: whether the last step is done.
     fn note(&mut self, ended: bool);
-    fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
+    fn step(&mut self, share: f64, progress: &Progress) -> Result<()>;
     fn message(&self) -> Message;
 
     /// Whether the run has results that must be saved before a signal ends the process.
@@ -37,12 +38,12 @@ pub(super) trait Task {
     fn checkpoint(&self) -> Option<File>;
     /// Returns path and bytes of the present 2D field's file. If the run is interrupted, this file is written in
     /// addition to the checkpoint. `None` for a scene, or without an output path.
-    fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
+    fn as_it_stands(&self) -> Result<Option<File>>;
     fn interrupted(&self) -> String;
 
     /// Records the totals of the run after its last step, and returns a closing message for the user.
     fn ended(&mut self) -> String;
-    fn finish(&mut self) -> anyhow::Result<Self::Outcome>;
+    fn finish(&mut self) -> Result<Self::Outcome>;
 }
 
 #[derive(Clone, Debug)]
@@ -65,7 +66,7 @@ pub(super) fn drive<T: Task>(
     checkpoint_every: f64,
     mut progress: Progress,
     stop: &dyn Fn(u32) -> bool,
-) -> anyhow::Result<Ended<T::Outcome>> {
+) -> Result<Ended<T::Outcome>> {
     let started = task.steps();
     let mut keeper = Keeper { claim: None, last: Instant::now(), warned: false };
     let mut last_step = 0.0;
@@ -126,11 +127,7 @@ impl Keeper {
     }
 
     /// Runs `work`, which may take long. If a signal arrives during `work`, the state before `work` is saved.
-    fn covered<T: Task, R>(
-        &self,
-        task: &mut T,
-        work: impl FnOnce(&mut T) -> anyhow::Result<R>,
-    ) -> anyhow::Result<R> {
+    fn covered<T: Task, R>(&self, task: &mut T, work: impl FnOnce(&mut T) -> Result<R>) -> Result<R> {
         let Some(claim) = &self.claim else { return work(task) };
         let files = task.checkpoint().into_iter().chain(task.as_it_stands()?).collect();
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))

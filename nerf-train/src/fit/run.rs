@@ -239,15 +239,12 @@ impl Task for Session<'_, '_> {
         // Runs the step on a thread of the pool. Otherwise each parallel part of the step would have to wake the pool.
         rayon::scope(|_| self.trainer.step(share))?;
         let found = &self.trainer.state.photographs;
-        if let Some(found) = found.exposure.filter(|found| Some(*found) != exposure) {
-            progress.println(found.in_words(train));
-        }
-        if let Some(found) = found.poses_found.filter(|found| Some(*found) != poses) {
-            progress.println(found.to_string());
-        }
-        if let Some(found) = found.withheld_found.filter(|_| withheld.is_none()) {
-            progress.println(found.to_string());
-        }
+        let new = [
+            found.exposure.filter(|found| Some(*found) != exposure).map(|found| found.in_words(train)),
+            found.poses_found.filter(|found| Some(*found) != poses).map(|found| found.to_string()),
+            found.withheld_found.filter(|_| withheld.is_none()).map(|found| found.to_string()),
+        ];
+        new.into_iter().flatten().for_each(|words| progress.println(words));
         if found.has_moved() && !moved {
             in_words(&found.moved(train)).into_iter().for_each(|words| progress.println(words));
         }
@@ -325,15 +322,13 @@ fn progress(session: &Session<'_, '_>) -> Progress {
         100.0 * occupancy.map_or(1.0, |occupancy| occupancy.lookup().occupied_share()),
         session.trainer.pixels()
     ));
-    if let Some(sights) = &session.trainer.sights {
-        progress.println(sights.to_string());
-    }
-    if let Some(found) = session.trainer.state.photographs.exposure {
-        progress.println(found.in_words(&session.dataset.train));
-    }
-    if let Some(found) = session.trainer.state.photographs.poses_found {
-        progress.println(found.to_string());
-    }
+    let found = &session.trainer.state.photographs;
+    let known = [
+        session.trainer.sights.as_ref().map(ToString::to_string),
+        found.exposure.map(|found| found.in_words(&session.dataset.train)),
+        found.poses_found.map(|found| found.to_string()),
+    ];
+    known.into_iter().flatten().for_each(|words| progress.println(words));
     progress
 }
 

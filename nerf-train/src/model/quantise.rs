@@ -50,13 +50,8 @@ pub struct Quantised {
 impl Quantised {
     /// Rounds the `values` of `grid`. Int8 and coded values become multiples of their level's quantisation step.
     /// `given`: quantisation step of each level; if empty, [`scales`] chooses the steps. If coded tables exceed their
-    /// limit of bytes, their steps become larger.
-    ///
-    /// # Errors
-    /// Index and value of the first value that is not finite or beyond ±65504, f16's largest.
-    ///
-    /// # Panics
-    /// If there are fewer values than the grid has.
+    /// limit of bytes, their steps become larger. Fails with index and value of the first value that is not finite or
+    /// beyond ±65504, f16's largest. Panics if there are fewer values than the grid has.
     pub fn new(
         grid: &GridEncoding,
         values: &[f32],
@@ -93,10 +88,7 @@ impl Quantised {
     }
 }
 
-/// Decodes stored tables to the values that a renderer reads.
-///
-/// # Panics
-/// If `tables` does not fit `grid`.
+/// Decodes stored tables to the values that a renderer reads; panics if `tables` does not fit `grid`.
 pub fn values_of(grid: &GridEncoding, tables: StoredTables<'_>) -> Vec<f32> {
     let (scales, bytes) = match tables {
         StoredTables::F16(bytes) => {

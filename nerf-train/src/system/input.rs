@@ -27,11 +27,9 @@ const PIECE_BYTES: usize = 1 << 16;
 
 /// Returns the bytes of a file, pipe or device; more than `limit` bytes are an error.
 ///
-/// A pipe or device is read only once: a second read may find no bytes. Reading stops soon after `limit`.
-///
-/// # Errors
-/// The system's errors. [`io::ErrorKind::FileTooLarge`] states the limit. [`io::ErrorKind::TimedOut`] if a pipe or
-/// device sends nothing for a minute. No error names the file: the caller has to add the name.
+/// A pipe or device is read only once: a second read may find no bytes. Reading stops soon after `limit`, with
+/// [`io::ErrorKind::FileTooLarge`], or with [`io::ErrorKind::TimedOut`] if a pipe or device sends nothing for a minute.
+/// No error names the file: the caller has to add the name.
 pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() && !metadata.is_dir() {

@@ -85,16 +85,12 @@ impl std::fmt::Display for PosesFound {
 impl Poses {
     /// Returns the poses to refine, and a finding. The poses are `None` if the given poses are kept. The finding is
     /// that the sparse points confirm these, else `None`. `sights`: whether there are lines of sight to sparse points.
-    pub fn of(
-        dataset: &Dataset,
-        sights: bool,
-        refinement: PoseRefinement,
-    ) -> (Option<Self>, Option<PosesFound>) {
+    pub fn of(dataset: &Dataset, sights: bool, asked: PoseRefinement) -> (Option<Self>, Option<PosesFound>) {
         let begin = |on_trial| Some(Self::given(dataset.train.len(), on_trial));
-        if refinement == PoseRefinement::Given || dataset.train.len() < 2 {
+        if asked == PoseRefinement::Given || dataset.train.len() < 2 {
             return (None, None);
         }
-        if refinement == PoseRefinement::Refine {
+        if asked == PoseRefinement::Refine {
             return (begin(false), None);
         }
         // Without points the median is NaN.

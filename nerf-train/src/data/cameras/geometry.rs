@@ -3,7 +3,7 @@
 use crate::data::{Dataset, Format, SparsePoint, View};
 use glam::{DMat3, DVec3, Vec3};
 use nerf_core::camera::Camera;
-use nerf_core::space::SceneBox;
+use nerf_core::space::{BoundsError, SceneBox};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -194,11 +194,7 @@ fn proposed_range(look_at: &LookAt, format: Format) -> (f32, f32) {
 }
 
 /// Returns the smallest axis-aligned box around all view frusta between the distances `near` and `far`, world units.
-pub fn frusta_box(
-    cameras: &[Camera],
-    near: f32,
-    far: f32,
-) -> Result<SceneBox, nerf_core::space::BoundsError> {
+pub fn frusta_box(cameras: &[Camera], near: f32, far: f32) -> Result<SceneBox, BoundsError> {
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for camera in cameras {
         let i = camera.intrinsics();

@@ -158,13 +158,9 @@ pub(super) fn alpha(tau: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
     Ok(tau.try_negate()?.try_exp()?.try_negate()?.try_add(1.0)?)
 }
 
-/// Returns `scale · Σ (pixels − target)²`, computed in f32.
-pub(super) fn squared_error(
-    pixels: Matrix<Taped>,
-    target: Matrix,
-    scale: f32,
-) -> Result<Scalar, EngineError> {
-    let squares = pixels.try_sub(target)?.try_square()?;
+/// Returns `scale · Σ (shown − target)²`, computed in f32.
+pub(super) fn squared_error(shown: Matrix<Taped>, target: Matrix, scale: f32) -> Result<Scalar, EngineError> {
+    let squares = shown.try_sub(target)?.try_square()?;
     Ok(squares.try_sum::<Rank0, Axes2<0, 1>>()?.try_mul(scale)?)
 }
 

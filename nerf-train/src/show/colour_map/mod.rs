@@ -3,6 +3,7 @@
 use super::axis;
 use super::text::{self, Direction};
 use crate::data::pictures::rgb::{Picture, check_length};
+use anyhow::Result;
 
 /// Colour of pixels without a value: a light grey that occurs in none of the maps.
 pub const EMPTY: [f32; 3] = [0.86; 3];
@@ -104,7 +105,7 @@ pub fn depth_picture_with_legend(
     (width, height): (usize, usize),
     range: Option<(f32, f32)>,
     title: &str,
-) -> anyhow::Result<Picture> {
+) -> Result<Picture> {
     let range = settle_range(values, opacity, range);
     let picture = depth_picture(values, opacity, (width, height), range)?;
     Ok(with_legend(&picture, ColourMap::Viridis, range, title))
@@ -115,7 +116,7 @@ fn depth_picture(
     opacity: &[f32],
     (width, height): (usize, usize),
     (low, high): (f32, f32),
-) -> anyhow::Result<Picture> {
+) -> Result<Picture> {
     check_length("the distances of a picture", width, height, values.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
     let colour = |(&value, &opacity): (&f32, &f32)| {
@@ -132,12 +133,7 @@ fn depth_picture(
 /// Draws normals: a unit normal (x, y, z) gets red (x + 1) / 2, green (y + 1) / 2 and blue (z + 1) / 2.
 ///
 /// `normals` (unit length, world axes), `opacity`: `[height * width]`. [`EMPTY`]: opacity ≤ 0.5, or a normal of 0.
-pub fn normal_picture(
-    normals: &[[f32; 3]],
-    opacity: &[f32],
-    width: usize,
-    height: usize,
-) -> anyhow::Result<Picture> {
+pub fn normal_picture(normals: &[[f32; 3]], opacity: &[f32], width: usize, height: usize) -> Result<Picture> {
     check_length("the normals of a picture", width, height, normals.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
     let colour = |(&normal, &opacity): (&[f32; 3], &f32)| {

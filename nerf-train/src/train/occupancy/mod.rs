@@ -87,9 +87,7 @@ impl OccupiedCells {
     }
 
     /// Creates a grid of `resolution` cells over `bounds`. `live`: index `(x ny + y) nz + z` of each occupied cell.
-    ///
-    /// # Panics
-    /// If a cell is outside of the occupancy grid.
+    /// Panics if a cell is outside of the grid.
     pub fn of(bounds: SceneBox, resolution: [u16; 3], live: impl IntoIterator<Item = u32>) -> Self {
         let (min, max) = (bounds.min.into(), bounds.max.into());
         let mut cells = Self { min, max, resolution, bits: vec![0; StoredOccupancy::bytes(resolution)] };

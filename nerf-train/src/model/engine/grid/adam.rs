@@ -67,20 +67,14 @@ impl Op for Apply<'_> {
     }
 }
 
-/// Applies Adam to values whose gradient is not 0, sixteen at a time; `m`, `v`: first and second moments.
+/// Applies Adam to values whose gradient `g` is not 0, sixteen at a time; `m`, `v`: first and second moments.
 #[inline(always)]
-pub(super) fn move_values(
-    step: AdamStep,
-    gradient: &[f32],
-    values: &mut [f32],
-    m: &mut [f32],
-    v: &mut [f32],
-) {
-    let (gradient, last_gradient) = gradient.as_chunks::<16>();
+pub(super) fn move_values(step: AdamStep, g: &[f32], values: &mut [f32], m: &mut [f32], v: &mut [f32]) {
+    let (gradients, last_g) = g.as_chunks::<16>();
     let (values, last) = values.as_chunks_mut::<16>();
     let (m, last_m) = m.as_chunks_mut::<16>();
     let (v, last_v) = v.as_chunks_mut::<16>();
-    for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradient) {
+    for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradients) {
         // If all sixteen gradients are 0, values and moments are neither read nor written.
         if g.iter().fold(0, |any, g| any | g.to_bits() << 1) != 0 {
             for i in 0..16 {
@@ -88,7 +82,7 @@ pub(super) fn move_values(
             }
         }
     }
-    for (((value, m), v), g) in last.iter_mut().zip(last_m).zip(last_v).zip(last_gradient) {
+    for (((value, m), v), g) in last.iter_mut().zip(last_m).zip(last_v).zip(last_g) {
         moved(step, value, m, v, *g);
     }
 }

@@ -173,21 +173,14 @@ impl Evaluated {
         phases.lap(Phase::Forward, now);
     }
 
-    fn wave(
-        &mut self,
-        job: &Job<'_>,
-        density: &Layer,
-        batch: &Batch,
-        rows: Range<usize>,
-        phases: &mut Phases,
-    ) {
+    fn wave(&mut self, job: &Job<'_>, head: &Layer, batch: &Batch, rows: Range<usize>, phases: &mut Phases) {
         self.trunk(job, batch, rows.clone(), phases);
         let now = Instant::now();
         let (count, stride) = (rows.len(), padded(rows.len()));
-        let across = padded(density.main.inputs);
+        let across = padded(head.main.inputs);
         let h = &self.hidden.last().unwrap_or(&self.encoded)[rows.start * across..];
         grow(&mut self.raw, stride * VECTOR);
-        density.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
+        head.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
         // Moves the first column of all rows to the buffer's beginning; each value is read before it is overwritten.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];
