@@ -35,7 +35,7 @@ impl DatasetError {
         Self::Fault { path: path.into(), fault: fault.into() }
     }
 
-    /// Makes the error that the value at `at` in a file is not as expected.
+    /// Makes the error that the value at the place `at` in a file is not as expected.
     pub(super) fn value(file: &Path, at: impl Display, expected: impl Display, found: impl Display) -> Self {
         Self::fault(file, format!("{at}: expected {expected}, found {found}"))
     }

@@ -35,7 +35,6 @@ pub struct Pace {
 }
 
 /// Returns the smallest odd spacing, along rows and columns, that measures at most about `count` of `pixels` pixels.
-///
 /// Of each block of spacing × spacing pixels, the middle pixel is measured. Only an odd spacing has a middle pixel.
 pub fn lattice_of(pixels: u64, count: f64) -> u32 {
     let step = (pixels as f64 / count.max(1.0)).sqrt().ceil().max(1.0) as u32;

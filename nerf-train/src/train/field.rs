@@ -47,7 +47,7 @@ impl<'p> FieldTrainer<'p> {
         Ok(Self { photo, config, model, engine, batch: Batch::default(), state })
     }
 
-    /// Does one training step, unless it diverges. `share`: used fraction of the budget, which sets the learning rate.
+    /// Does one training step. Fails without a change if it diverges. `share`: used fraction of the budget.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         self.draw();
         if let Some(grid) = self.config.grid.as_ref().filter(|grid| grid.is_rounded(share)) {

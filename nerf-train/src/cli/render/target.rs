@@ -21,7 +21,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Returns the last part of the message about an interruption: which finished images are kept in `output` (`-o`).
+    /// Returns the last part of the message about an interruption: which images are kept, and where. `output`: `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),

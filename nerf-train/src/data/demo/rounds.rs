@@ -19,7 +19,7 @@ const POINT_EVERY: usize = 9;
 /// Interval between the photographs from which sparse points are made; 1 would use all photographs.
 const VIEW_EVERY: usize = 3;
 
-/// One photograph: its camera in the data set, the camera that `taken` it, and the turn between them, radians.
+/// One photograph: its camera in the data set, the camera that took it, and the turn between them, radians.
 struct Shot {
     pose: Camera,
     taken: Camera,

@@ -61,7 +61,6 @@ pub struct RayGradient {
 }
 
 /// Input of a training step: rays, and their samples in occupied cells, in the order of the rays, front to back.
-///
 /// For a 2D field, each ray has one opaque sample. The sample's first two coordinates are its position in the image.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {

@@ -221,8 +221,8 @@ impl<'d> Trainer<'d> {
         self.bank.pixels()
     }
 
-    /// Does one training step. `share`: used fraction of the budget, which sets the learning rate. Fails without a
-    /// change if the step diverges, or if all densities are 0 again after the last restart ([`TrainError::Dead`]).
+    /// Does one training step. `share`: used fraction of the budget, which sets the learning rate. Fails if all
+    /// densities are 0 again after the last restart ([`TrainError::Dead`]) or, without a change, if the step diverges.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         let step = self.state.progressed.step;
         self.draw(step.into(), share);

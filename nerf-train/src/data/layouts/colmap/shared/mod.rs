@@ -127,7 +127,7 @@ struct Task<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Prepares the adjustment; `None` if several photographs share no point, or a pose or lens cannot be adjusted.
+    /// Prepares the adjustment; `None` if no point is in several photographs, or a pose or lens cannot be adjusted.
     fn of(
         model: &'a Model,
         points: &Points,
