@@ -182,8 +182,7 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Reports why the steps `missed` of `--snapshots` have no image. Either the run ended earlier, at step `last`, or the
-/// run was resumed from a later step.
+/// Reports steps `missed` of `--snapshots`: the run ended at step `last`, or was resumed from a later step.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

@@ -90,7 +90,6 @@ impl Demo {
         global.finish_with(&summary, || self.print(&summary))
     }
 
-    /// Checks the options and returns the settings, before any work.
     fn check(&self) -> anyhow::Result<Config> {
         let mut config =
             read_config(Preset::Grid, self.config.as_deref(), &SetOption::default(), Surroundings::Known)?;

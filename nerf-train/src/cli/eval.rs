@@ -36,8 +36,7 @@ impl Split {
         }
     }
 
-    /// Returns at most `count` evenly spaced views of the split; fails if the split is empty. `data`: path of the data
-    /// set, for the error message.
+    /// Returns at most `count` evenly spaced views of the split; fails if it is empty. `data`: path for the error.
     pub fn some<'d>(self, dataset: &'d Dataset, data: &Path, count: usize) -> anyhow::Result<Vec<&'d View>> {
         let views = spread(self.of(dataset), count);
         ensure!(!views.is_empty(), "{}: the split `{}` has no views", data.display(), self.name());

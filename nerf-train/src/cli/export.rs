@@ -78,8 +78,7 @@ enum Kind {
 
 /// Memory per cell during mesh extraction, bytes: density, three optical depths of 16 bits, and vertices.
 const BYTES_PER_CELL_OF_MESH: u64 = 12;
-/// Memory per cell of a volume, bytes. A cell has 4 bytes of density and 3 bytes of colour. Memory holds three copies:
-/// the values, their bytes, and the archive.
+/// Memory per cell of a volume, bytes: 4 of density and 3 of colour, in three copies (values, bytes, archive).
 const BYTES_PER_CELL: u64 = 3 * 7;
 const BYTES_PER_POINT: u64 = 36;
 
@@ -121,7 +120,6 @@ impl Export {
         global.finish(&summary)
     }
 
-    /// Checks the options before anything is read. Returns the kind of export.
     fn check(&self) -> anyhow::Result<Kind> {
         check_counts([("--points", self.points())])?;
         if let Some(threshold) =

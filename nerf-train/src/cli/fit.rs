@@ -178,8 +178,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Adapts the settings to the photographs' resolution, the length of the run and `--max-bytes`. Reports and returns
-    /// the adapted settings.
+    /// Adapts the settings to the photographs' resolution, the run's length and `--max-bytes`. Reports and returns all.
     fn sized(
         &self,
         config: Config,
@@ -288,8 +287,7 @@ impl Fit {
         }
     }
 
-    /// Writes the refined poses next to the scene file. If this fit has no refined poses, removes the file of an
-    /// earlier fit.
+    /// Writes the refined poses next to the scene file. Without refined poses, removes the file of an earlier fit.
     fn write_poses(&self, outcome: &Outcome) -> anyhow::Result<()> {
         let file = refined::beside(&self.conduct.output);
         match &outcome.refined_poses {

@@ -17,8 +17,7 @@ use std::process::ExitCode;
 
 /// Number of views to evaluate without `--view`.
 const VIEWS: usize = 10;
-/// Maximum number of views from whose rays the mean encoded direction is computed. The mean replaces the direction, to
-/// remove the view dependence.
+/// Maximum number of views over whose rays the encoded direction is averaged, to remove the view dependence.
 const RAY_VIEWS: usize = 50;
 
 /// Convert a nerf-pytorch checkpoint to a scene file.
@@ -106,7 +105,6 @@ impl Import {
         global.finish(&summary)
     }
 
-    /// Checks the options before any network is read.
     fn check(&self) -> anyhow::Result<()> {
         self.settings.check()?;
         check_threshold(self.effect_threshold)?;

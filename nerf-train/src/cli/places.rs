@@ -43,7 +43,6 @@ pub fn check_folder(flag: &str, path: &Path) -> anyhow::Result<()> {
     }
 }
 
-/// Applies [`check_folder`] to the folder of `--report`, if given.
 pub fn check_report(path: Option<&PathBuf>) -> anyhow::Result<()> {
     path.map_or(Ok(()), |path| check_folder("--report", path))
 }

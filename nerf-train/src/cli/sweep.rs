@@ -107,8 +107,7 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Trains the combinations that are assigned to this process and have no result yet. Then reports all results.
-    /// `more`: further settings to vary, with their values.
+    /// Trains this process's combinations that have no result yet, and reports all. `more`: further settings to vary.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;

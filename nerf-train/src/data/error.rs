@@ -6,8 +6,7 @@ use nerf_core::space::BoundsError;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
-/// Error of reading a data set. The message names the file and the field, and says what was expected and what was
-/// found.
+/// Error of reading a data set. The message names file and field, and says what was expected and what was found.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatasetError {
@@ -36,14 +35,9 @@ impl DatasetError {
         Self::Fault { path: path.into(), fault: fault.into() }
     }
 
-    /// Makes the error that the value at `place` in a file is not as expected.
-    pub(super) fn value(
-        file: &Path,
-        place: impl Display,
-        expected: impl Display,
-        found: impl Display,
-    ) -> Self {
-        Self::fault(file, format!("{place}: expected {expected}, found {found}"))
+    /// Makes the error that the value at the place `at` in a file is not as expected.
+    pub(super) fn value(file: &Path, at: impl Display, expected: impl Display, found: impl Display) -> Self {
+        Self::fault(file, format!("{at}: expected {expected}, found {found}"))
     }
 
     /// Makes the error that a view's pose or intrinsics form no valid camera.

@@ -1,8 +1,7 @@
 //! Posed pictures, read from the common layouts of data sets.
 //!
 //! Each layout has a reader in a file of its own, which converts to the project's conventions: `fx fy cx cy` in pixels,
-//! pixel centres at +0.5, straight alpha, and camera-to-world poses that look down −Z with +Y up. Code outside this
-//! module need not know the layout.
+//! pixel centres at +0.5, straight alpha, and camera-to-world poses that look down −Z with +Y up.
 //!
 //! | path | reader | convention of the file |
 //! | --- | --- | --- |
@@ -119,10 +118,8 @@ impl Dataset {
         instead
     }
 
-    /// Removes the photographs with these `names` from all splits. On an error, the data set is unchanged.
-    ///
-    /// # Errors
-    /// If no photograph has one of the names, or if no training photograph would be left.
+    /// Removes the photographs with these `names` from all splits. Fails, without a change, if no photograph has one of
+    /// the names, or if no training photograph would be left.
     pub fn leave_out(&mut self, names: &BTreeSet<&str>) -> Result<(), DatasetError> {
         let fault = |expected: &str, found: &str| {
             Err(DatasetError::value(Path::new(&self.name), "names to leave out", expected, found))
@@ -270,8 +267,7 @@ impl std::str::FromStr for Cameras {
 /// Suffix of the name of a data set with shared cameras (one camera for each device).
 const SHARED: &str = ", shared cameras";
 
-/// Returns the choice of cameras with which a scene was trained. `name`: the data set's name in the scene's `.nerf`
-/// blob.
+/// Returns the choice of cameras with which a scene was trained. `name`: the data set's name in the `.nerf` blob.
 pub fn cameras_in_name(name: &str) -> Cameras {
     let shared = name.ends_with(SHARED) || name.contains(&format!("{SHARED}{STATED}"));
     if shared { Cameras::Shared } else { Cameras::Own }
@@ -288,24 +284,20 @@ pub struct ReadOptions {
     pub far: Option<f32>,
     /// Size limit of an unpacked array of an archive, bytes, against zip bombs; `None`: 4 GiB.
     pub max_array_bytes: Option<u64>,
-    /// Whether pictures outside of the data set's folder are read (`--outside-files`). A path or a link may lead to
-    /// such pictures.
+    /// Whether pictures outside of the data set's folder are read (`--outside-files`), to which links may lead.
     pub outside_files: bool,
     /// Layout to read if several layouts fit a folder (`--layout`); `None`: the first that fits.
     pub layout: Option<Layout>,
-    /// Factor by which photographs are reduced (`--downscale`). [`Downscale::Auto`] leaves Blender pictures at full
-    /// size.
+    /// Factor by which photographs are reduced (`--downscale`). [`Downscale::Auto`] does not reduce Blender pictures.
     pub downscale: Downscale,
-    /// Index, 0 to 7, of the validation view in each group of eight views, sorted by name. Unused if the data set
-    /// states splits.
+    /// Index, 0 to 7, of the validation view in each eight views, sorted by name. Unused if the data set states splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
     /// File that stores shared cameras. The file is read if it was made from the same reconstruction. Otherwise it is
     /// written, unless `to_measure` is true. `None`: shared cameras are not stored.
     pub shared_cameras: Option<PathBuf>,
-    /// Origin of all coordinates, in the world of the data set's files ([`Dataset::origin`]). To evaluate a `.nerf`
-    /// blob, pass the blob's origin. `None`: the files' origin or, if the cameras are far from it, a point near the
-    /// cameras.
+    /// Origin of all coordinates, in the world of the data set's files ([`Dataset::origin`]); to evaluate a `.nerf`
+    /// blob, the blob's origin. `None`: the files' origin or, if the cameras are far from it, a point near the cameras.
     pub origin: Option<[f64; 3]>,
     /// Whether the data are read to evaluate an existing field. Training views are then optional.
     pub to_measure: bool,
@@ -318,11 +310,8 @@ impl ReadOptions {
     }
 }
 
-/// Reads the data set at `path`: a folder, a `transforms*.json` or a `.npz`.
-///
-/// # Errors
-/// [`DatasetError`] names the file, the field, what was expected and what was found. A json may name pictures that do
-/// not exist, if at least one training view exists. With [`ReadOptions::to_measure`], one view of any split is enough.
+/// Reads the data set at `path`: a folder, a `transforms*.json` or a `.npz`. A json may name pictures that do not
+/// exist, if at least one training view exists. With [`ReadOptions::to_measure`], one view of any split is enough.
 pub fn read(path: &Path, options: &ReadOptions) -> Result<Dataset, DatasetError> {
     read_watched(path, options, &Watch::default())
 }

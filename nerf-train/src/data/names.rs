@@ -26,18 +26,12 @@ impl<'v> FileNames<'v> {
         Self { views, stems: stems(views.iter().map(|view| view.name.as_str())) }
     }
 
-    /// Returns the file name stem of the view at `index`.
-    ///
-    /// # Panics
-    /// If there is no view at `index`.
+    /// Returns the file name stem of the view at `index`; panics if there is none.
     pub fn at(&self, index: usize) -> &str {
         &self.stems[index]
     }
 
-    /// Returns the file name stem of one of the views.
-    ///
-    /// # Panics
-    /// If `view` is not one of the views.
+    /// Returns the file name stem of `view`; panics if it is not one of the views.
     pub fn stem(&self, view: &View) -> &str {
         // Names may occur twice in a data set; views are distinguished by their addresses.
         let index = self.views.iter().position(|other| std::ptr::eq(other, view));

@@ -120,8 +120,7 @@ fn one_place(dataset: &Dataset) -> Option<String> {
 }
 
 /// Returns a warning, with a remedy, if the cameras do not look at a common point. If the axes meet behind the cameras,
-/// the remedy is the other pose convention ([`Axes::other`]). Forward-facing captures get no warning, because their
-/// axes need not meet.
+/// the remedy is the other pose convention ([`Axes::other`]). Forward-facing captures get no warning.
 fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<String> {
     if look_at.agrees() || look_at.forward_facing() {
         return None;
@@ -148,8 +147,7 @@ fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<Stri
     Some(warning)
 }
 
-/// Whether the optical axes would meet near a point if the matrices were read as world-to-camera. The matrices are then
-/// probably world-to-camera.
+/// Whether the optical axes meet near a point if the matrices are read as world-to-camera, as they then should be.
 fn inverse_meets(cameras: &[Camera]) -> bool {
     let line = |camera: &Camera| {
         let inverse = camera.pose().rotation.transpose();

@@ -11,8 +11,7 @@ pub struct View {
     pub name: String,
     /// Camera that took the picture; its intrinsics hold the picture's size.
     pub camera: Camera,
-    /// Pixels `[height * width]` from the top left, row by row: straight (not premultiplied) sRGB and alpha; alpha is
-    /// 255 if the file has none.
+    /// Pixels `[height * width]` from the top left, row by row: straight sRGB and alpha (255 without an alpha channel).
     pub pixels: Vec<[u8; 4]>,
     /// Whether each pixel is trained on and evaluated, in the order of `pixels`; `None`: all pixels are.
     pub mask: Option<Vec<bool>>,
@@ -45,25 +44,22 @@ impl View {
         (i.width, i.height)
     }
 
-    /// Returns the pixel in column `x` and row `y`; `None` outside of the picture.
     pub fn pixel(&self, x: u32, y: u32) -> Option<[u8; 4]> {
         let (width, height) = self.size();
         let index = y as usize * width as usize + x as usize;
         if x < width && y < height { self.pixels.get(index).copied() } else { None }
     }
 
-    /// Returns a copy of this view with `camera` in place of its own camera. Both cameras must have the same picture
-    /// size.
+    /// Returns a copy of this view with `camera`, of the same picture size, in place of its own camera.
     pub fn seen_from(&self, camera: Camera) -> Self {
         Self { camera, ..self.clone() }
     }
 
     /// Returns a smaller view that is quicker to evaluate.
     ///
-    /// The smaller view has the middle pixel of each block of `step` × `step` pixels, and a camera with exactly the
-    /// rays of these pixels. `step` must be odd. Along a side shorter than `step`, a block has the largest odd number
-    /// of pixels that fits. Incomplete blocks are left out. If `step` is at most 1, or if all middle pixels are masked
-    /// out, the view itself is returned.
+    /// The smaller view has the middle pixel of each block of `step` × `step` pixels (`step` is odd), and a camera with
+    /// exactly the rays of these pixels. Along a side shorter than `step`, a block has the largest odd number of pixels
+    /// that fits. Incomplete blocks are left out. If `step` ≤ 1 or all middle pixels are masked, returns the view.
     pub fn thinned(&self, step: u32) -> Cow<'_, Self> {
         if step <= 1 {
             return Cow::Borrowed(self);

@@ -21,8 +21,7 @@ impl Watch {
         self.total.load(Ordering::Relaxed)
     }
 
-    /// Returns the time spent on reading or computing shared cameras (one camera for each device). This time does not
-    /// count as fit time.
+    /// Returns the time spent on shared cameras (one camera for each device), which does not count as fit time.
     pub fn set_aside(&self) -> Duration {
         Duration::from_micros(self.set_aside.load(Ordering::Relaxed))
     }

@@ -1,9 +1,7 @@
-//! Resolution of a learned grid, chosen from the number of pixels that the scene spans in the photographs, and from the
-//! length of the run.
+//! Resolution of a learned grid, chosen from the scene's size in the photographs, pixels, and the length of the run.
 //!
 //! Measured on lego at 100², 200², 400² and 800² pixels, on two cores of Sapphire Rapids. PSNR is over every tenth
-//! training photograph, held out. The table compares the settings of the preset `grid`, chosen at 200² pixels, with
-//! those of [`for_pixels`].
+//! training photograph, held out. The table compares the preset `grid`, chosen at 200², with [`for_pixels`].
 //!
 //! | pixels | seconds | preset | [`for_pixels`] |
 //! | --- | ---: | ---: | ---: |
@@ -11,8 +9,7 @@
 //! | 800² | 60 | 29.89 dB | 31.20 dB |
 //!
 //! Alternatives to [`for_pixels`] at 800², after 60 s: 30.70 dB with 724 cells in the finest level, 2^19 entries and
-//! 424 march steps across the scene box; 30.85 dB with 512 cells, 2^17 entries and 220 march steps; 31.00 dB with ten
-//! levels of up to 768 cells.
+//! 424 march steps across the box; 30.85 dB with 512, 2^17 and 220; 31.00 dB with ten levels of up to 768 cells.
 //!
 //! For photographs smaller than 200², [`for_pixels`] keeps the preset's settings. PSNR at 100² after 15 s is 32.62 dB;
 //! half the entries and 0.7 times the cells give 32.66 dB, no clear gain.
@@ -45,8 +42,7 @@ use crate::model::quantise::TableStorage;
 use crate::train::schedule::Budget;
 use nerf_core::space::SceneBox;
 
-/// Number of pixels that the longest side of lego's box spans in photographs of 200 × 200 pixels. The preset was chosen
-/// for photographs of this size.
+/// Number of pixels that the longest side of lego's box spans at 200 × 200 pixels, for which the preset was chosen.
 const PRESET_PIXELS: f32 = 175.0;
 /// Largest binary logarithm of a level's number of entries. A table of 2^19 entries already exceeds a core's cache.
 const MOST_LOG2_ENTRIES: u8 = 19;
@@ -58,9 +54,8 @@ const ROUNDED_CELLS: f32 = 32.0;
 /// Multiple to which the number of march steps across the scene box is rounded.
 const ROUNDED_STEPS: f32 = 10.0;
 
-/// Returns the number of pixels that the longest side of the scene box spans in a photograph: the median over the
-/// training views. The side is projected at the distance from the camera to the middle of the box. `None` if the median
-/// is not finite.
+/// Returns the number of pixels that the longest side of the scene box spans in a photograph, at the distance from the
+/// camera to the box's middle: the median over the training views. `None` if it is not finite.
 pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
     let middle = 0.5 * (scene_box.min + scene_box.max);
     let side = (scene_box.max - scene_box.min).max_element();
@@ -72,9 +67,8 @@ pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
 }
 
 /// Adapts the preset's settings to a scene that spans `pixels` pixels. Each doubling of `pixels` doubles the entries of
-/// a level, and multiplies the cells of the finest level and the march steps across the scene box by √2. Settings that
-/// differ from the preset's or that are set in `chosen` do not change. With fewer pixels than `PRESET_PIXELS` nothing
-/// changes.
+/// a level, and multiplies the cells of the finest level and the march steps across the scene box by √2. Settings other
+/// than the preset's or set in `chosen` do not change. Nothing changes below `PRESET_PIXELS`.
 pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };
@@ -101,17 +95,15 @@ const LONG_SECONDS: f64 = 45.0;
 /// Least limit in training steps with which a run counts as long.
 const LONG_STEPS: u32 = 15_000;
 
-/// Whether a run is long. A limit in seconds, if set, must be at least `LONG_SECONDS`; a limit in steps, if set, must
-/// be at least `LONG_STEPS`.
+/// Whether a run is long: each limit that is set must be at least `LONG_SECONDS` or `LONG_STEPS`.
 pub fn is_long(budget: &Budget) -> bool {
     budget.seconds.is_none_or(|seconds| seconds >= LONG_SECONDS)
         && budget.steps.is_none_or(|steps| steps >= LONG_STEPS)
 }
 
 /// Adapts the settings to a long run, which learns more detail. Shortens the march steps to 3/4 of their length.
-/// Doubles the number of entries of each level, and stores them in int8, so that the file is no larger. The number
-/// changes only if it equals the preset's; the format changes only if number and format equal the preset's. Settings
-/// that are set in `chosen` do not change.
+/// Doubles the entries of each level and stores them in int8, so that the file is no larger. The number changes only if
+/// it is the preset's; the format only if both are the preset's. Settings set in `chosen` stay.
 pub fn for_long_run(mut config: Config, chosen: Chosen) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };

@@ -3,13 +3,13 @@
 use crate::system::output::write_atomic;
 use crate::system::progress::{Message, Progress};
 use crate::system::stop::{Claim, Cover};
+use anyhow::Result;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Number of steps between two points of the training curve, apart from the points at validations.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Length of a step, seconds, above which the state is serialised before the next step. If a signal arrives during the
-/// next step, this state is saved.
+/// Length of a step, seconds, above which the state is serialised before the next step, to be saved on a signal.
 const LONG_STEP: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
@@ -19,19 +19,17 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Returns the used fraction of the budget. The used time includes the next step, which is assumed to last as long
-    /// as the last step: `last_step` seconds.
-    fn share(&mut self, last_step: f64) -> anyhow::Result<f64>;
+    /// Returns the used fraction of the budget, with the next step, assumed as long as the last: `last_step` seconds.
+    fn share(&mut self, last_step: f64) -> Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
-    fn check_steps(&self) -> anyhow::Result<()>;
-    /// Returns the validation that is due, or `None`. `share`: used fraction of the budget. `ended`: whether the last
-    /// step is done.
+    fn check_steps(&self) -> Result<()>;
+    /// Returns the validation that is due. `share`: used fraction of the budget. `ended`: the last step is done.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
-    fn validate(&mut self, due: Self::Due) -> anyhow::Result<()>;
+    fn validate(&mut self, due: Self::Due) -> Result<()>;
     /// Adds a point without validation to the training curve, if a point is due at this step and the curve has no point
     /// at this step yet. `ended`: whether the last step is done.
     fn note(&mut self, ended: bool);
-    fn step(&mut self, share: f64, progress: &Progress) -> anyhow::Result<()>;
+    fn step(&mut self, share: f64, progress: &Progress) -> Result<()>;
     fn message(&self) -> Message;
 
     /// Whether the run has results that must be saved before a signal ends the process.
@@ -40,12 +38,12 @@ pub(super) trait Task {
     fn checkpoint(&self) -> Option<File>;
     /// Returns path and bytes of the present 2D field's file. If the run is interrupted, this file is written in
     /// addition to the checkpoint. `None` for a scene, or without an output path.
-    fn as_it_stands(&self) -> anyhow::Result<Option<File>>;
+    fn as_it_stands(&self) -> Result<Option<File>>;
     fn interrupted(&self) -> String;
 
     /// Records the totals of the run after its last step, and returns a closing message for the user.
     fn ended(&mut self) -> String;
-    fn finish(&mut self) -> anyhow::Result<Self::Outcome>;
+    fn finish(&mut self) -> Result<Self::Outcome>;
 }
 
 #[derive(Clone, Debug)]
@@ -59,8 +57,7 @@ pub enum Ended<O> {
     },
 }
 
-/// Does training steps until the budget is used or `stop` returns true. Before each step, calls `stop` with the number
-/// of steps done.
+/// Does training steps until the budget is used or `stop`, called with the number of steps done, returns true.
 ///
 /// A checkpoint is written every `checkpoint_every` seconds. If a signal arrives during a long step, a validation or
 /// the final export, the state before this work is saved.
@@ -69,7 +66,7 @@ pub(super) fn drive<T: Task>(
     checkpoint_every: f64,
     mut progress: Progress,
     stop: &dyn Fn(u32) -> bool,
-) -> anyhow::Result<Ended<T::Outcome>> {
+) -> Result<Ended<T::Outcome>> {
     let started = task.steps();
     let mut keeper = Keeper { claim: None, last: Instant::now(), warned: false };
     let mut last_step = 0.0;
@@ -130,18 +127,13 @@ impl Keeper {
     }
 
     /// Runs `work`, which may take long. If a signal arrives during `work`, the state before `work` is saved.
-    fn covered<T: Task, R>(
-        &self,
-        task: &mut T,
-        work: impl FnOnce(&mut T) -> anyhow::Result<R>,
-    ) -> anyhow::Result<R> {
+    fn covered<T: Task, R>(&self, task: &mut T, work: impl FnOnce(&mut T) -> Result<R>) -> Result<R> {
         let Some(claim) = &self.claim else { return work(task) };
         let files = task.checkpoint().into_iter().chain(task.as_it_stands()?).collect();
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 
-    /// Writes a checkpoint, if the run keeps one. If writing fails, the previous checkpoint is kept; only the first
-    /// failure is reported.
+    /// Writes a checkpoint, if the run keeps one. A failed write leaves the last one, and is reported the first time.
     fn save(&mut self, task: &impl Task, progress: &Progress) {
         self.last = Instant::now();
         let Some((path, bytes)) = task.checkpoint() else { return };

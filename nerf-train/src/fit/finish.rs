@@ -31,8 +31,7 @@ const MAX_TRAINING_PIXELS: usize = 120_000;
 pub struct Outcome {
     /// Bytes of the exported file, with the field after the last step.
     pub bytes: Vec<u8>,
-    /// Scores of the exported field on all validation views, rendered over `background`; empty without validation
-    /// views.
+    /// Scores of the exported field on the validation views, rendered over `background`; empty without such views.
     pub scores: Scores,
     /// Score of each training photograph, in the order of the training split, from a few evenly spaced pixels.
     pub trained: Vec<ViewScore>,
@@ -40,8 +39,7 @@ pub struct Outcome {
     pub lattice: u32,
     /// Distances between the field's rendered surfaces and the sparse points that the validation views show.
     pub surfaces: Surfaces,
-    /// Scores of the validation views with refined poses, measured on the same pixels as `scores`. `None` if poses are
-    /// not refined, or without validation views.
+    /// Scores of validation views with refined poses, on the pixels of `scores`. `None` without such poses or views.
     pub refined_scores: Option<Scores>,
     pub refined_poses: Option<RefinedPoses>,
     pub poses: Option<PosesFound>,
@@ -55,8 +53,7 @@ pub struct Outcome {
     /// Mean PSNR, dB, of images that are filled with the mean colour of a view. The mean is over the validation views
     /// that show more than one colour. Without validation views, some training views are used.
     pub flat_psnr_db: f64,
-    /// Whether no view scores better than an image of one colour. The learning rate is then too high, or the steps are
-    /// too few.
+    /// Whether no view scores better than one flat colour: the learning rate is too high, or the steps are too few.
     pub flat: bool,
     /// PSNR lost by rounding weights to f16 and tables to their stored format, dB. Measured on at most ten validation
     /// views, at the same pixels as `scores`. `None` without validation views.
@@ -64,7 +61,6 @@ pub struct Outcome {
     /// PSNR lost by rendering without the occupancy grid, dB, on training views. `None` for a learned grid: in space
     /// without training samples its tables hold arbitrary values, so that rendering needs the occupancy grid.
     pub occupancy_loss_db: Option<f64>,
-    /// Whether the field must be rendered with its occupancy grid.
     pub occupancy_required: bool,
     pub view_dependence: Option<ViewDependence>,
     pub subnormal_weights: usize,
@@ -177,8 +173,7 @@ pub(super) fn finish(session: &mut Session<'_, '_>) -> anyhow::Result<Outcome> {
     })
 }
 
-/// Returns the scores of the field in `blob` on `views`, over the run's background. `parameters`: unrounded weights to
-/// use in place of the stored ones.
+/// Returns the scores of the field in `blob` on `views`. `parameters`: unrounded weights in place of the stored ones.
 fn scores_of<'v>(
     session: &Session<'_, '_>,
     blob: &[u8],
@@ -190,9 +185,8 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Returns the scores of `views`, rendered in several ways: once per element of `renderings`, which are pairs of a blob
-/// and quality settings. All renderings are scored on the same pixels. The number of pixels is as large as the time
-/// limit allows, up to a maximum per view.
+/// Returns the scores of `views` for each of `renderings`, which are pairs of a blob and quality settings, on the same
+/// pixels. Their number is as large as the time limit allows, up to a maximum per view.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -206,8 +200,7 @@ pub(super) fn compare(
         };
         renderings.iter().map(measured).collect()
     };
-    // The time per pixel is measured on these renderings, not taken from validation: without an occupancy grid it is
-    // far longer.
+    // The time per pixel is measured on these renderings: without occupancy grid it is far longer than in validation.
     let mut pace = Pace::new(session.options.budget.seconds, false, false);
     let everything = pace.lattice_on_the_way(pixels, largest, f64::INFINITY);
     if !pace.is_limited() {
@@ -286,9 +279,8 @@ pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Returns the refined poses of all views, and the scores of the file `draft` with these poses, measured on every
-/// `lattice`-th row and column of the validation views. Both are `None` if poses are not refined; the scores are also
-/// `None` without validation views.
+/// Returns the refined poses of all views, and the scores of the file `draft` with them, on every `lattice`-th row and
+/// column of the validation views. Both are `None` if poses are not refined; the scores also without such views.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -338,9 +330,8 @@ pub struct ViewDependence {
     pub left_out: bool,
 }
 
-/// Removes the view dependence of the export candidate if PSNR falls by less than the threshold. To remove it, replaces
-/// the encoded direction by its mean over training rays. Returns the loss and the decision; `None` if no threshold is
-/// set, or if colour does not depend on the direction.
+/// Removes the view dependence of the export candidate, by the mean encoded direction over training rays, if PSNR falls
+/// by less than the threshold. Returns the loss and the decision; `None` without a threshold or view dependence.
 ///
 /// PSNR is measured on training views: validation views must not decide what is exported.
 pub(super) fn ask_direction(

@@ -19,8 +19,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Number of photographs in `views.json`, evenly spaced in the validation split. If this split is empty, the training
-/// split is used.
+/// Number of photographs in `views.json`, evenly spaced in the validation split or, if it is empty, the training split.
 const VIEWS: usize = 8;
 /// Longest side of the written photographs, pixels.
 const SIDE: usize = 400;

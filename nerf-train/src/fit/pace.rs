@@ -35,7 +35,6 @@ pub struct Pace {
 }
 
 /// Returns the smallest odd spacing, along rows and columns, that measures at most about `count` of `pixels` pixels.
-///
 /// Of each block of spacing × spacing pixels, the middle pixel is measured. Only an odd spacing has a middle pixel.
 pub fn lattice_of(pixels: u64, count: f64) -> u32 {
     let step = (pixels as f64 / count.max(1.0)).sqrt().ceil().max(1.0) as u32;
@@ -64,8 +63,7 @@ impl Pace {
         self.seconds.map_or(f64::INFINITY, |_| VALIDATION_SHARE * now - self.validated)
     }
 
-    /// Whether enough time is left, after `now` seconds of the run, to validate `views` views with the smallest number
-    /// of pixels: `PROBED_PIXELS` per view.
+    /// Whether after `now` seconds enough time is left to validate `views` views with `PROBED_PIXELS` pixels each.
     pub fn affords(&self, now: f64, views: usize) -> bool {
         let coarsest = (views as u64 * PROBED_PIXELS) as f64 * self.per_pixel.unwrap_or(0.0);
         MARGIN * (self.overhead.unwrap_or(0.0) + coarsest) <= self.allowance(now)

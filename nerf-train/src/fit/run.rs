@@ -24,8 +24,7 @@ use std::time::Instant;
 
 #[derive(Clone, Debug)]
 pub struct RunOptions {
-    /// Limits in steps and seconds. The limit in seconds applies to this command alone, even if the command resumes a
-    /// run.
+    /// Limits in steps and seconds. The limit in seconds applies to this command alone, even if it resumes a run.
     pub budget: Budget,
     /// Least number of steps. The run fails if its limit in seconds is reached before this number of steps.
     pub min_steps: u32,
@@ -38,8 +37,7 @@ pub struct RunOptions {
     pub report: bool,
     /// Steps between validations during training; `None` validates after each eighth of the budget.
     pub validate_every: Option<u32>,
-    /// Least PSNR, dB, that view-dependent colour must gain to be exported. With `None`, view-dependent colour is
-    /// always exported.
+    /// Least PSNR, dB, that view-dependent colour must gain to be exported. `None`: exported in any case.
     pub effect_threshold_db: Option<f64>,
     /// Folder in which the newest blob is kept for a web page; `None` writes no blob during the run.
     pub live: Option<PathBuf>,
@@ -73,9 +71,8 @@ impl RunOptions {
         Ok(Some(serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default()))
     }
 
-    /// Reads the checkpoint and passes it to `restore`, if the run resumes. Returns `clock` with the seconds of the
-    /// checkpoint added. Fails if the checkpoint belongs to a run with another `config` or `data`. `config`: settings
-    /// of this run, as JSON. `data`: name and fingerprint of the data set.
+    /// Reads the checkpoint and passes it to `restore`, if the run resumes. Returns `clock` plus the seconds of the
+    /// checkpoint. Fails if the checkpoint belongs to a run with other settings (`config`, as JSON) or `data`.
     pub(super) fn resumed(
         &self,
         clock: Clock,
@@ -242,15 +239,12 @@ impl Task for Session<'_, '_> {
         // Runs the step on a thread of the pool. Otherwise each parallel part of the step would have to wake the pool.
         rayon::scope(|_| self.trainer.step(share))?;
         let found = &self.trainer.state.photographs;
-        if let Some(found) = found.exposure.filter(|found| Some(*found) != exposure) {
-            progress.println(found.in_words(train));
-        }
-        if let Some(found) = found.poses_found.filter(|found| Some(*found) != poses) {
-            progress.println(found.to_string());
-        }
-        if let Some(found) = found.withheld_found.filter(|_| withheld.is_none()) {
-            progress.println(found.to_string());
-        }
+        let new = [
+            found.exposure.filter(|found| Some(*found) != exposure).map(|found| found.in_words(train)),
+            found.poses_found.filter(|found| Some(*found) != poses).map(|found| found.to_string()),
+            found.withheld_found.filter(|_| withheld.is_none()).map(|found| found.to_string()),
+        ];
+        new.into_iter().flatten().for_each(|words| progress.println(words));
         if found.has_moved() && !moved {
             in_words(&found.moved(train)).into_iter().for_each(|words| progress.println(words));
         }
@@ -328,15 +322,13 @@ fn progress(session: &Session<'_, '_>) -> Progress {
         100.0 * occupancy.map_or(1.0, |occupancy| occupancy.lookup().occupied_share()),
         session.trainer.pixels()
     ));
-    if let Some(sights) = &session.trainer.sights {
-        progress.println(sights.to_string());
-    }
-    if let Some(found) = session.trainer.state.photographs.exposure {
-        progress.println(found.in_words(&session.dataset.train));
-    }
-    if let Some(found) = session.trainer.state.photographs.poses_found {
-        progress.println(found.to_string());
-    }
+    let found = &session.trainer.state.photographs;
+    let known = [
+        session.trainer.sights.as_ref().map(ToString::to_string),
+        found.exposure.map(|found| found.in_words(&session.dataset.train)),
+        found.poses_found.map(|found| found.to_string()),
+    ];
+    known.into_iter().flatten().for_each(|words| progress.println(words));
     progress
 }
 

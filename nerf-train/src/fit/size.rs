@@ -67,10 +67,9 @@ pub struct Chosen {
 /// bytes, whatever the run learns, even with a full Pareto front of rendering settings. `extent`: sides of the scene
 /// box, world units. Returns `None` without a learned grid.
 ///
-/// If the file of `config` is too large, f16 tables become entropy-coded, unless the user chose the format.
-/// Entropy-coded tables get the largest number of values that fits, and then the finest quantisation steps that fit.
-/// The number of their entries may double, with slightly finer levels; no other setting grows. Returns an error if even
-/// the smallest file is too large.
+/// If the file of `config` is too large, f16 tables become entropy-coded, unless the user chose the format. They then
+/// get the largest number of values that fits, and the finest quantisation steps that fit. The number of entries may
+/// double, with slightly finer levels; no other setting grows. Fails if even the smallest file is too large.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -133,9 +132,8 @@ pub fn picture_within(
     Ok(Some(with(&table)))
 }
 
-/// Chooses the table settings with the most values that fit into a file of `max_bytes` bytes, and the finest resolution
-/// of the occupancy grid that fits with them. `most_bytes`: function that returns the size of the largest file for
-/// given settings.
+/// Chooses the table settings with the most values that fit into a file of `max_bytes` bytes, and the finest occupancy
+/// grid that fits with them. `most_bytes`: returns the size of the largest file for given settings.
 ///
 /// Resolutions are tried in groups of [`NEIGHBOURS`] adjacent ones, the finest group first. The first group with which
 /// any table fits is used. Entropy-coded tables also get the remaining bytes, which allow finer quantisation steps.
@@ -187,8 +185,7 @@ fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     }
 }
 
-/// Returns the candidate resolutions of the occupancy grid, finest first, none finer than configured. A resolution that
-/// the user set is the only candidate.
+/// Returns the candidate resolutions of the occupancy grid, finest first: up to the configured one, or only the user's.
 fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) -> Vec<u16> {
     let own = config.occupancy_resolution(extent);
     let share = (max_bytes as f64 * OCCUPANCY_SHARE) as usize;
@@ -206,10 +203,8 @@ fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) ->
     }
 }
 
-/// Returns the candidate table settings, most entries first. Of candidates with equal entries and resolutions, those
-/// with more levels come first. Of candidates that differ only in format, f16 comes first. No candidate has more levels
-/// than `own`, the configured table. Only entropy-coded candidates have more entries than `own`, by up to `more`
-/// doublings.
+/// Returns the candidate table settings, most entries first, then most levels, then f16. No candidate has more levels
+/// than `own`, the configured table. Only entropy-coded candidates have more entries, by up to `more` doublings.
 ///
 /// `cells(h)`: candidate resolutions `[coarsest, finest]` of the levels if the number of entries is halved `h` times. A
 /// negative `h` means that the number is doubled `-h` times.
@@ -250,8 +245,7 @@ fn tables(
 }
 
 /// Returns the largest number of cells along x, y, z that an occupancy grid of this `resolution` can have. A run builds
-/// the grid in one of two ways: at full resolution, or at half the resolution with each cell then divided into eight.
-/// Because of rounding, the two ways can give different numbers of cells.
+/// it at full resolution, or at half with each cell then divided into eight, which may round to other numbers.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
@@ -267,8 +261,7 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     let (across, power) = (f32::from(config.sampling.steps_across), config.sampling.contraction);
     let content = Content::Scene(SceneFacts {
         min: [0.0; 3],
-        // The box of an unbounded scene is a cube. Its sides are exactly equal here; corners far from the origin would
-        // be rounded.
+        // The box of an unbounded scene is a cube. Its sides are exactly equal here: far corners would be rounded.
         max: if power.is_some() { [longest; 3] } else { extent.into() },
         near: 0.0,
         far: 1.0,
@@ -310,8 +303,7 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     length(body, config.network.grid.as_ref())
 }
 
-/// Returns the size of the largest file that a fit of a 2D field can export, bytes. `size`: width and height of the
-/// fitted picture, pixels. `name`: name of the picture.
+/// Returns the size of the largest file of a fit of a 2D field, bytes. `size`, `name`: of the picture.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {
@@ -340,9 +332,8 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     }
 }
 
-/// Returns the size of a file, bytes. `body`: contents of the file without weights, whose size is added. `table`:
-/// settings of a learned grid's tables, whose size is added, too. Entropy-coded tables are counted with their largest
-/// size.
+/// Returns the size of a file, bytes: of the contents `body`, their weights, and the tables of a learned grid of these
+/// settings. Entropy-coded tables are counted with their largest size.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();
@@ -358,8 +349,7 @@ fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError>
         TableStorage::Int8 => of(StoredTables::Int8 { scales: &scales, bytes: &vec![0; values] }),
         TableStorage::Coded => {
             let int8 = of(StoredTables::Int8 { scales: &scales, bytes: &vec![0; values] })?;
-            // Each symbol takes at most 15 bits, whatever the values. A longer length field takes at most two bytes
-            // more.
+            // Each symbol takes at most 15 bits, whatever the values; a longer length field at most two bytes more.
             let most = table.most_bytes.unwrap_or(4 * values as u64 + 4);
             Ok(int8 - values as u64 + 2 + most)
         }

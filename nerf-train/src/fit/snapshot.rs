@@ -6,22 +6,19 @@ use anyhow::bail;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// Folder, steps and views of the snapshots that a run takes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SnapshotOptions {
     /// Folder of the report; images are written to the folder `snapshots` inside this folder.
     pub folder: PathBuf,
-    /// Steps at which snapshots are taken. If empty, snapshots are taken at validations, at most once per eighth of the
-    /// budget, and at the end.
+    /// Steps of the snapshots. If empty: at validations, at most one per eighth of the budget, and at the end.
     pub steps: Vec<u32>,
     /// Indices, in the validation split, of the views to render; if empty, the views validated during training.
     pub views: Vec<usize>,
 }
 
 impl SnapshotOptions {
-    /// Returns the indices of the views to render, without duplicates. If the options name no views, the indices are
-    /// those of `watched`. Fails if an index is not below the number of validation views, or if snapshots are requested
-    /// without validation views.
+    /// Returns the indices of the views to render, without duplicates: those of the options or, if there are none,
+    /// `watched`. Fails if an index is too large, or if snapshots are requested without validation views.
     pub fn views_of(&self, dataset: &Dataset, watched: &[usize]) -> anyhow::Result<Vec<usize>> {
         let (data, views) = (&dataset.name, dataset.val.len());
         let asked = !self.steps.is_empty() || !self.views.is_empty();

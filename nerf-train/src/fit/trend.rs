@@ -3,8 +3,7 @@
 use crate::train::CurvePoint;
 use std::fmt;
 
-/// Least rise of the validation PSNR, dB, with which a later validation counts as better. Smaller gains are noise,
-/// since only two views are validated.
+/// Least rise of the validation PSNR, dB, that counts as better. Smaller gains of the two views are noise.
 const VAL_RISE_DB: f64 = 0.05;
 /// Least gain of the smoothed training PSNR, dB, that counts as a rise: three times the noise of the curve.
 const TRAIN_RISE_DB: f64 = 0.3;

@@ -12,8 +12,7 @@ use std::path::Path;
 
 /// Number of fits. Each fit holds out every eighth photograph by name; each photograph is held out of exactly one fit.
 pub const FITS: usize = 8;
-/// Margin below the median PSNR, dB. A photograph counts as unpredicted if its PSNR is below the median by more than
-/// this.
+/// Margin, dB: a photograph counts as unpredicted if its PSNR is below the median by more than this.
 const BELOW_MEDIAN_DB: f64 = 1.0;
 /// Largest fraction of the photographs that are named as unpredicted.
 const MOST: f64 = 0.3;
@@ -30,11 +29,8 @@ pub struct CrossValidation {
 }
 
 impl CrossValidation {
-    /// Fits the training and validation photographs of `dataset` [`FITS`] times, with the settings `config`. Test
-    /// photographs are not used. Returns `None` if `stop` ends a fit.
-    ///
-    /// # Errors
-    /// Fewer than two held-out photographs per fit; errors of the fits.
+    /// Fits the training and validation photographs of `dataset` [`FITS`] times, with the settings `config`. Returns
+    /// `None` if `stop` ends a fit. Fails with fewer than two held-out photographs per fit.
     pub fn of(
         dataset: &Dataset,
         config: &Config,

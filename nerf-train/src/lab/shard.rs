@@ -16,15 +16,13 @@ impl Shard {
     pub const WHOLE: Self = Self { index: 1, count: 1 };
 
     /// Returns this process's part of an array job, and the variable with the part's index; `None` outside array jobs.
-    /// Fails if a variable is missing or contradicts the others. `variable`: reads an environment variable.
+    /// Fails if a variable is missing or contradicts the others. `read`: reads an environment variable.
     ///
     /// Slurm: `SLURM_ARRAY_TASK_ID` is one of `SLURM_ARRAY_TASK_COUNT` evenly spaced indices. The first index is
     /// `SLURM_ARRAY_TASK_MIN` (default 0), the last `SLURM_ARRAY_TASK_MAX`, the spacing `SLURM_ARRAY_TASK_STEP`
     /// (default 1). Kubernetes: `JOB_COMPLETION_INDEX` counts from 0. `JOB_COMPLETIONS` is the number of parts; the
     /// job's description must set this variable.
-    pub fn of_array(
-        variable: impl Fn(&str) -> Option<String>,
-    ) -> Result<Option<(&'static str, Self)>, String> {
+    pub fn of_array(read: impl Fn(&str) -> Option<String>) -> Result<Option<(&'static str, Self)>, String> {
         const SLURM: [&str; 5] = [
             "SLURM_ARRAY_TASK_ID",
             "SLURM_ARRAY_TASK_COUNT",
@@ -33,10 +31,10 @@ impl Shard {
             "SLURM_ARRAY_TASK_STEP",
         ];
         const KUBERNETES: [&str; 5] = ["JOB_COMPLETION_INDEX", "JOB_COMPLETIONS", "", "", ""];
-        let scheduler = [SLURM, KUBERNETES].into_iter().find(|names| variable(names[0]).is_some());
+        let scheduler = [SLURM, KUBERNETES].into_iter().find(|names| read(names[0]).is_some());
         let Some([id, of, min, max, step]) = scheduler else { return Ok(None) };
         let number = |name: &str, default: Option<usize>| {
-            let text = variable(name);
+            let text = read(name);
             let number = text.as_ref().map_or(default, |text| text.trim().parse().ok());
             let found = text.unwrap_or_else(|| "none".to_owned());
             number.ok_or_else(|| format!("{name}: expected a whole number beside {id}, found {found}"))

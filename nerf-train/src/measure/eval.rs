@@ -25,8 +25,7 @@ pub struct ViewScore {
     pub view: String,
     /// PSNR of the rendering, dB; infinite if every pixel equals the photograph's.
     pub psnr_db: f64,
-    /// PSNR with aligned exposure, dB. Each colour channel of the rendering is first multiplied by a gain of its own:
-    /// the gain that brings the channel nearest to the photograph's.
+    /// PSNR, dB, after each colour channel is multiplied by the gain that brings it nearest to the photograph's.
     pub aligned_psnr_db: f64,
     pub ssim: f64,
 }
@@ -96,8 +95,7 @@ pub fn evaluate<'v>(
 pub struct EvalOptions {
     /// Background colour; `None`: the background stored in the scene file.
     pub background: Option<[f32; 3]>,
-    /// Interval N of a lattice: PSNR is also measured on every N-th pixel of every N-th row, as in many publications.
-    /// `None`: not measured.
+    /// Interval N: PSNR is also measured on every N-th pixel of every N-th row, as in many papers. `None`: it is not.
     pub lattice: Option<u32>,
 }
 

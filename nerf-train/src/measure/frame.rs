@@ -19,8 +19,7 @@ pub fn render(renderer: &Renderer<'_>, plan: &Plan<'_>, camera: &Camera) -> Resu
     host::render(renderer, plan, camera, threads())
 }
 
-/// Renders the 2D field of `renderer`'s blob as a picture of `size` (width, height), pixels. `each` is called from time
-/// to time with the number of rows done.
+/// Renders the 2D field of `renderer`'s blob as a picture of `size`, pixels. `each` gets the number of rows done.
 pub fn render_picture(
     renderer: &Renderer<'_>,
     math: MathBackend,

@@ -103,7 +103,6 @@ pub struct Totals {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seconds {
     pub rounds: usize,
-    /// Median over the rounds of timing.
     pub median: f64,
     pub low: f64,
     pub high: f64,
@@ -159,8 +158,7 @@ impl Point {
         })
     }
 
-    /// Returns the ratio of this point's render time to that of `exact`, median over the rounds of timing. `None` if no
-    /// round timed both points completely.
+    /// Returns the ratio of this point's render time to `exact`'s, median over the rounds that timed both completely.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =

@@ -27,8 +27,7 @@ pub struct Surfaces {
 }
 
 impl Surfaces {
-    /// Measures the surfaces of the scene file `bytes`, rendered at the default quality, against the sparse points that
-    /// `views` show.
+    /// Measures the surfaces of the scene file `bytes`, at the default quality, against the sparse points of `views`.
     pub fn of(bytes: &[u8], kernel: Kernel, views: &[&View], points: &[SparsePoint]) -> anyhow::Result<Self> {
         let blob = Blob::open(bytes)?;
         let plan = Plan::new(&blob, &Quality::default(), Self::OUTPUTS, Batch::FULL)?.with_own_bins();

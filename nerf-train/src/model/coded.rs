@@ -15,13 +15,11 @@ const COARSEST: i32 = 24 * TO_AN_OCTAVE;
 /// Power `p`: the step of a level with `n` values is proportional to `n^p`. In theory, 1/2 is best. Measured PSNR of
 /// the scene lego in 95 KB: 30.20 dB with 0, 30.22 dB with 1/4, 30.19 dB with 1/2.
 const POWER: f32 = 0.25;
-/// Largest number of vertices per entry of a level that is searched for unread entries. In levels with more vertices
-/// per entry, few entries are unread.
+/// Largest number of vertices per entry of a level that is searched for unread entries; with more, few are unread.
 const SHARED: usize = 8;
 
-/// Returns the quantisation step of each level. If `most_bytes` is given, the steps are the smallest with which the
-/// coded tables take at most `most_bytes` bytes. If it is `None`, the steps have the default exponent `OWN`. No step is
-/// smaller than the level's step in int8 storage ([`scale_of`]).
+/// Returns the quantisation step of each level: the smallest with which the coded tables take at most `most_bytes`
+/// bytes or, without a limit, those of the exponent `OWN`. No step is smaller than the level's in int8 ([`scale_of`]).
 pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usize>) -> Vec<f32> {
     let finest: Vec<f32> = levels(grid, values).map(scale_of).collect();
     let squares: f64 = values.iter().map(|&value| f64::from(value).powi(2)).sum();
@@ -42,13 +40,11 @@ pub(super) fn scales(grid: &GridEncoding, values: &[f32], most_bytes: Option<usi
     }
 }
 
-/// Returns the smallest exponent `i`, from `least` to [`COARSEST`], with which the coded tables take at most `most`
-/// bytes. Returns [`COARSEST`] if no exponent is large enough. `rounded(i)`: table values rounded to the quantisation
-/// steps of exponent `i`, one signed byte per value.
+/// Returns the smallest exponent `i`, from `least` on, with which the coded tables take at most `most` bytes, or
+/// [`COARSEST`]. `rounded(i)`: table values rounded to the steps of exponent `i`, one signed byte per value.
 ///
 /// Coding takes 30 times as long as computing the [`entropy`]. The search therefore begins at an exponent estimated
-/// from entropies and one coding. From this exponent, the search moves by strides that double until the result lies
-/// between two tried exponents. Bisection then finds the result.
+/// from entropies and one coding, moves by doubling strides past the result, and ends by bisection.
 fn finest_within(least: i32, most: usize, grid: &GridEncoding, rounded: impl Fn(i32) -> Vec<u8>) -> i32 {
     let exponents: Vec<i32> = (least..COARSEST).collect();
     let by_entropy = |bytes: f64| {
@@ -99,9 +95,8 @@ pub(super) fn rounded(grid: &GridEncoding, values: &[f32], scales: &[f32]) -> Ve
     rounded
 }
 
-/// Entropy-codes `values` with the quantisation steps `given`. If the result exceeds `most_bytes`, all steps are
-/// multiplied by 2^(`i` / 16), for the smallest whole number `i` that makes the result fit. Returns the bytes and their
-/// quantisation steps.
+/// Entropy-codes `values` with the quantisation steps `given`, all multiplied by 2^(`i` / 16) for the smallest whole
+/// `i` ≥ 0 with which the result fits into `most_bytes`. Returns the bytes and their quantisation steps.
 pub(super) fn coded(
     grid: &GridEncoding,
     values: &[f32],
@@ -128,9 +123,8 @@ fn encoded(grid: &GridEncoding, values: &[u8]) -> Vec<u8> {
     encode_tables(grid, values, &mut symbols, &mut out).expect("room for all values of the grid").to_vec()
 }
 
-/// Returns a copy of `values` in which the entries that no sample in an occupied cell reads are 0. Levels with more
-/// than [`SHARED`] vertices per entry stay unchanged. `resolution`: number of occupancy cells along x, y, z; `bits`:
-/// one bit per occupancy cell.
+/// Returns a copy of `values` in which the entries that no sample in an occupied cell reads are 0, except in levels
+/// with more than [`SHARED`] vertices per entry. `resolution`: occupancy cells along x, y, z; `bits`: one bit per cell.
 pub(super) fn without_unread(
     grid: &GridEncoding,
     values: &[f32],

@@ -15,8 +15,7 @@ pub struct Contents<'a> {
     pub parameters: &'a [f32],
     pub tables: Tables<'a>,
     pub content: Content,
-    /// Occupancy grid: number of cells along x, y, z, and one bit per cell in the order of [`StoredOccupancy::bits`].
-    /// `None`: no occupancy grid is stored.
+    /// Occupancy grid: number of cells along x, y, z, and one bit per cell, ordered as in [`StoredOccupancy::bits`].
     pub occupancy: Option<([u16; 3], &'a [u8])>,
     pub provenance: Provenance<'a>,
 }
@@ -74,10 +73,8 @@ pub enum ExportError {
     Blob(BlobError),
 }
 
-/// Rounds the parameters to f16 and the tables to their storage, and returns the bytes of the exported file.
-///
-/// # Errors
-/// [`ExportError`] for a weight or table value beyond f16's range, and for contents that the format refuses.
+/// Rounds the parameters to f16 and the tables to their storage, and returns the bytes of the exported file. Fails for
+/// a weight or table value beyond f16's range, and for contents that the format refuses.
 pub fn export(contents: &Contents<'_>) -> Result<Exported, ExportError> {
     export_with(contents, None)
 }

@@ -133,8 +133,7 @@ impl FieldConfig {
         self.optimiser.check()
     }
 
-    /// Returns the network for an image of this width and height, pixels. Training and the exported file have the same
-    /// layers.
+    /// Returns the network for an image of this width and height, pixels, the same for training and the exported file.
     pub fn model(&self, size: [u32; 2]) -> Model {
         let layer = TrunkLayer { width: self.width as u16, skip: false };
         let (levels, scale) = (self.levels, AngleScale::Pi);

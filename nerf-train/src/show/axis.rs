@@ -1,9 +1,7 @@
 //! Ticks at round numbers for axes and legends, and their labels.
 
 /// Returns at most `most` (≥ 1) ticks in [`low`, `high`]: multiples of 1, 2 or 5 times a power of ten.
-///
-/// A range of one number has one tick. A range that is reversed or not finite has none. Any other range has at least
-/// two ticks if `most` ≥ 4.
+/// A range of one number has one tick, a reversed or not finite range none, any other at least two if `most` ≥ 4.
 pub fn nice_ticks(low: f64, high: f64, most: usize) -> Vec<f64> {
     let span = high - low;
     if !span.is_finite() || span <= 0.0 {

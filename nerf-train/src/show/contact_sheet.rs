@@ -26,7 +26,6 @@ impl Cell {
 }
 
 /// Draws a contact sheet on a white background: `title` on top unless it is empty, then rows of `columns` cells.
-///
 /// `columns` is clamped to `1..=cells.len()`. If there are no cells and no title, the result is a small white picture.
 pub fn contact_sheet(title: &str, cells: &[Cell], columns: usize) -> Picture {
     let columns = columns.clamp(1, cells.len().max(1));

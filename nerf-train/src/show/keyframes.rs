@@ -49,8 +49,7 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     (0..frames).map(frame).collect()
 }
 
-/// Returns the rotations of `keys` as quaternions. Each quaternion has the sign, q or −q, that is nearer to the
-/// previous quaternion; q and −q are the same rotation.
+/// Returns the rotations of `keys` as quaternions q or −q, the same rotation, whichever is nearer to the previous one.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {
@@ -60,8 +59,7 @@ fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     turns
 }
 
-/// Returns the position, rotation and field of view (degrees) on the path. `at`: fractional index into `keys`; `turns`:
-/// rotations from [`aligned`].
+/// Returns position, rotation and field of view (degrees) at the fractional index `at`. `turns`: from [`aligned`].
 fn place_at(keys: &[Keyframe], turns: &[Quat], at: f32) -> (Vec3, Quat, f32) {
     let first = (at as usize).min(keys.len() - 2);
     let t = at - first as f32;

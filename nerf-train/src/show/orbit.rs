@@ -25,9 +25,8 @@ pub struct Orbit {
 }
 
 impl Orbit {
-    /// Returns the orbit through the camera of [`SceneFacts::viewpoint`]. If the scene file has no viewpoint, the orbit
-    /// is around the middle of the scene box, with the mean of near and far as radius. `up`: up direction; if `None`,
-    /// the viewpoint's up direction is used, or +z without a viewpoint.
+    /// Returns the orbit through the camera of [`SceneFacts::viewpoint`] or, without one, around the middle of the
+    /// scene box, at the mean of near and far. `up`: up direction; `None`: the viewpoint's, or +z without a viewpoint.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {
@@ -63,9 +62,8 @@ impl Orbit {
         }
     }
 
-    /// Returns the camera on the circle or arc. `turn`: fraction, 0 to 1, of a period. On the full circle, a period is
-    /// one turn. On an arc, a period is a swing from the middle to both ends and back. `fov`: horizontal field of view,
-    /// degrees.
+    /// Returns the camera on the circle or arc. `turn`: fraction, 0 to 1, of a period: one turn of the full circle, or
+    /// a swing from the middle of an arc to both ends and back. `fov`: horizontal field of view, degrees.
     pub fn camera(&self, turn: f32, width: u32, height: u32, fov: f32) -> Result<Camera, CameraError> {
         let azimuth = if self.arc < TAU { 0.5 * self.arc * (turn * TAU).sin() } else { turn * TAU };
         let elevation = self.elevation.to_radians();

@@ -43,7 +43,6 @@ impl Table {
         writer.into_inner().context("cannot make the CSV")
     }
 
-    /// Writes the table as a CSV file, whole or not at all.
     pub fn write_csv(&self, path: impl AsRef<Path>) -> anyhow::Result<()> {
         Ok(write_atomic(path, &self.to_csv()?)?)
     }

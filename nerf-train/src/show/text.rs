@@ -59,8 +59,7 @@ pub fn width(text: &str, size: f32) -> usize {
     layout(text, sane(size)).1.ceil() as usize
 }
 
-/// Returns the height of a picture of one line of text, pixels: the line height `size`, clamped to 1 to `LARGEST` and
-/// rounded up.
+/// Returns the height of a picture of one line of text, pixels: `size`, clamped to 1 to `LARGEST` and rounded up.
 pub fn line_height(size: f32) -> usize {
     sane(size).ceil() as usize
 }

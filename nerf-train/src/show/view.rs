@@ -33,7 +33,6 @@ pub enum Output {
 }
 
 impl Output {
-    /// Returns whether the output is a distance, which is shown in a colour map.
     pub fn is_distance(self) -> bool {
         matches!(self, Self::RayDistance | Self::ZDepth | Self::MedianDistance)
     }
@@ -60,7 +59,6 @@ impl Output {
     }
 }
 
-/// Returns whether the path has the extension `.exr`, in upper or lower case.
 pub fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(OsStr::new("exr")))
 }
@@ -89,8 +87,7 @@ pub fn write_still(
     Ok(())
 }
 
-/// Returns name and values of each channel of an output, for an EXR file. Names such as `R`, `Z` and `N.X` are those of
-/// compositing programs.
+/// Returns name and values of each channel of an output, for an EXR file, with the names of compositing programs.
 fn channels_of(frame: &Frame, output: Output, transparent: bool) -> Vec<(&'static str, Vec<f32>)> {
     let axis = |of: &[[f32; 3]], axis: usize| of.iter().map(|value| value[axis]).collect();
     match output {

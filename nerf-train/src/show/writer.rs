@@ -20,8 +20,7 @@ pub struct Writer {
 pub enum Sink {
     Still(PathBuf),
     Film(Box<Film>),
-    /// Folder of pictures named `frame_0000.png` and so on: path of the folder, number of the next frame, and increment
-    /// of the number from frame to frame.
+    /// Folder of pictures such as `frame_0000.png`: path, number of the next frame, increment from frame to frame.
     Frames(PathBuf, usize, usize),
 }
 

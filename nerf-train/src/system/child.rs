@@ -22,8 +22,7 @@ static RUNNING: Mutex<Vec<Arc<Mutex<Process>>>> = Mutex::new(Vec::new());
 #[derive(Debug)]
 struct Process {
     child: Child,
-    /// Exit status; `None` until the child has been waited for. Until then, the system does not reuse the child's
-    /// process number.
+    /// Exit status; `None` until the child has been waited for. Until then, its process number is not reused.
     status: Option<ExitStatus>,
 }
 
@@ -80,17 +79,14 @@ impl Helper {
         }
     }
 
-    /// Kills the child and the processes that it started. Returns the child's exit status; `None` if the child does not
-    /// end within 1 s.
+    /// Kills the child and the processes that it started. Returns its status; `None` if it does not end within 1 s.
     pub fn kill(&self) -> Option<ExitStatus> {
         lock(&self.0).kill();
         self.wait(KILLED)
     }
 
-    /// Writes `bytes` to the child's standard input, in parts. Kills the child if a part takes longer than `patience`.
-    ///
-    /// # Errors
-    /// [`io::ErrorKind::TimedOut`] if the child was killed, or the system's error if the child no longer reads.
+    /// Writes `bytes` to the child's standard input, in parts. Fails with the system's error if the child no longer
+    /// reads. If a part takes longer than `patience`, kills the child and fails with [`io::ErrorKind::TimedOut`].
     pub fn feed(&self, stdin: &mut ChildStdin, bytes: &[u8], patience: Duration) -> io::Result<()> {
         let (taken, pieces) = mpsc::channel();
         std::thread::scope(|scope| {
@@ -191,8 +187,7 @@ fn tail(mut stream: impl Read, keep: usize, kept: &Mutex<Vec<u8>>) {
     }
 }
 
-/// Returns the last four lines of `bytes` that contain letters or digits, joined by "; ". Without such a line, returns
-/// "it said nothing".
+/// Returns the last four lines of `bytes` with letters or digits, joined by "; ", or "it said nothing".
 pub fn last_lines(bytes: &[u8]) -> String {
     const SHOWN_LINES: usize = 4;
     let text = String::from_utf8_lossy(bytes);

@@ -2,8 +2,7 @@
 //!
 //! A path on the command line may name an endless device, a pipe, a growing file or a huge sparse file. Reading here
 //! fails with an error that states the limit, before memory runs out. Archives (`.npz`) and arrays (`.npy`) are not
-//! read whole: `data::layouts::npz` limits the unpacked size of each array. The kernel's own files under `/proc` are
-//! read elsewhere, without a limit.
+//! read whole: `data::layouts::npz` limits each array. The kernel's files under `/proc` are read elsewhere.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -28,11 +27,9 @@ const PIECE_BYTES: usize = 1 << 16;
 
 /// Returns the bytes of a file, pipe or device; more than `limit` bytes are an error.
 ///
-/// A pipe or device is read only once: a second read may find no bytes. Reading stops soon after `limit`.
-///
-/// # Errors
-/// The system's errors. [`io::ErrorKind::FileTooLarge`] states the limit. [`io::ErrorKind::TimedOut`] if a pipe or
-/// device sends nothing for a minute. No error names the file: the caller has to add the name.
+/// A pipe or device is read only once: a second read may find no bytes. Reading stops soon after `limit`, with
+/// [`io::ErrorKind::FileTooLarge`], or with [`io::ErrorKind::TimedOut`] if a pipe or device sends nothing for a minute.
+/// No error names the file: the caller has to add the name.
 pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() && !metadata.is_dir() {
@@ -45,9 +42,6 @@ pub fn read_limited(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 }
 
 /// Returns the bytes of a file as [`read_limited`] does; a pipe or device is an error.
-///
-/// # Errors
-/// Errors of [`open_regular`] and [`read_limited`].
 pub fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     drop(open_regular(path)?);
     read_limited(path, limit)
@@ -65,8 +59,7 @@ pub fn parse_numbers<const N: usize, T: FromStr>(text: &str) -> Result<[T; N], S
     numbers.ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }
 
-/// Returns the text of a file of at most `limit` bytes, without a leading byte order mark. Fails if the text is not
-/// UTF-8.
+/// Returns the UTF-8 text of a file of at most `limit` bytes, without a leading byte order mark.
 pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
     let mut bytes = read_limited(path, limit)?;
     let mark = bytes.len() - without_mark(&bytes).len();
@@ -82,10 +75,7 @@ pub fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }
 
-/// Opens a file for random access.
-///
-/// # Errors
-/// The system's errors. [`io::ErrorKind::InvalidInput`] for a device, or a pipe, which could block.
+/// Opens a file for random access. A device, or a pipe, which could block, is [`io::ErrorKind::InvalidInput`].
 pub fn open_regular(path: &Path) -> io::Result<File> {
     let metadata = std::fs::metadata(path)?;
     if metadata.is_file() || metadata.is_dir() {
@@ -95,8 +85,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, text))
 }
 
-/// Returns the message of a TOML error on one line, with the error's line and column in `text`. The parser's own
-/// message has several lines.
+/// Returns the message of a TOML error on one line, where the parser's own has several, with line and column in `text`.
 pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {

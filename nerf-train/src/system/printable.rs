@@ -80,11 +80,9 @@ pub fn line(text: &str) -> Cow<'_, str> {
     })
 }
 
-/// Returns `text` escaped as by [`line()`], except that line ends and tabs are kept. For text that this program has
-/// broken into lines.
+/// Returns `text` escaped as by [`line()`], except for line ends and tabs: for text already broken into lines.
 ///
-/// A line end inside a name is also kept, and could forge a line of this program's output. To prevent this, callers
-/// first escape names with [`line()`].
+/// A line end inside a name is also kept, and could forge a line of output: callers first escape names with [`line()`].
 pub fn lines(text: &str) -> Cow<'_, str> {
     replaced(text, |c| acts(c) && !matches!(c, '\n' | '\t'), |safe, c| write!(safe, "{}", c.escape_unicode()))
 }
@@ -108,8 +106,7 @@ pub fn markdown(text: &str) -> String {
 
 /// Returns the JSON `text` with control and invisible characters escaped (`\u001b`). A parser reads the same values.
 ///
-/// Line ends and tabs are kept: outside of strings they are white space, and inside of strings every JSON writer
-/// escapes them.
+/// Line ends and tabs are kept: outside of strings they are white space, inside of strings JSON writers escape them.
 pub fn json(text: &str) -> Cow<'_, str> {
     replaced(
         text,

@@ -12,8 +12,7 @@ use std::time::{Duration, Instant};
 
 /// Time between two lines of progress, in plain text or JSON.
 const LINE_EVERY: Duration = Duration::from_secs(5);
-/// Length of the bar: its position at the end of the work. A position is a fraction of the work, because a time budget
-/// has no number of steps.
+/// Length of the bar. Its position is a fraction of the work, because a time budget has no number of steps.
 const BAR_LENGTH: u64 = 10_000;
 /// Time that must elapse before the remaining time is estimated.
 const EARLIEST_ESTIMATE: Duration = Duration::from_secs(1);
@@ -162,7 +161,6 @@ impl Progress {
         }
     }
 
-    /// Calls [`update`](Self::update) with an empty message.
     pub fn reach(&mut self, position: usize) {
         self.update(position as u64, &Message::default());
     }
@@ -320,8 +318,7 @@ impl Drop for Progress {
 
 fn new_bar() -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr());
-    // Two lines, as 80 columns cannot hold times and figures on one.
-    // If the template does not parse, the library's default bar is shown.
+    // Two lines, as 80 columns cannot hold times and figures. Without a parsed template, the default bar is shown.
     match indicatif::ProgressStyle::with_template("{bar:24.cyan/white} {percent:>3} % {prefix}\n{wide_msg}") {
         Ok(style) => bar.with_style(style.progress_chars("━╸─")),
         Err(_) => bar,
@@ -375,8 +372,7 @@ fn scaled(value: f64) -> String {
     format!("{value:.decimals$}{unit}")
 }
 
-/// Returns a duration as text: minutes and seconds, with hours before them from one hour on. Examples: "0:07", "12:41",
-/// "3:05:09".
+/// Returns a duration as minutes and seconds, with hours from one hour on: "0:07", "12:41", "3:05:09".
 fn in_words(time: Duration) -> String {
     let seconds = time.as_secs();
     let (hours, minutes, seconds) = (seconds / 3_600, seconds / 60 % 60, seconds % 60);

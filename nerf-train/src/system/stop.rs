@@ -13,9 +13,8 @@
 //! A further signal changes nothing: a save that the first signal has begun is completed. A signal that the process was
 //! started to ignore, such as SIGHUP under `nohup`, stays ignored.
 //!
-//! The signals are blocked in all threads; only the signal thread receives them. Child processes inherit the blocking,
-//! and do not see a terminal's Ctrl-C (`crate::system::child`). A child therefore runs until the code that started it,
-//! or the signal thread, ends it.
+//! The signals are blocked in all threads but the signal thread. Child processes inherit the blocking, and do not see a
+//! terminal's Ctrl-C (`crate::system::child`): the code that started a child, or the signal thread, ends it.
 
 use crate::system::lock;
 use crate::system::output::{remove_temporaries, write_atomic};
@@ -25,8 +24,7 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 
-/// Time that a loop has, after a signal, to report what it saved and to end the process. The time counts from the
-/// moment at which the loop drops its [`Claim`].
+/// Time that a loop has, after it drops its [`Claim`] on a signal, to report what it saved and to end the process.
 pub const LAST_WORD: Duration = Duration::from_millis(800);
 /// Time limit for the task of a [`Note`].
 const NOTE_WORK: Duration = Duration::from_millis(1000);
@@ -112,20 +110,17 @@ impl Drop for Claim {
 /// Contents of a [`Note`]: message to print on a signal if no work is claimed, and task to run before printing.
 struct Words {
     message: String,
-    /// Name and function of a task that runs before `message` is printed. Its name and result are appended to
-    /// `message`.
+    /// Name and function of a task that runs before `message` is printed, with name and result appended.
     last: Option<(&'static str, LastWork)>,
 }
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Guard that sets the message to print on a signal if no work is claimed. At most one exists. Without a guard, the
-/// message is "interrupted".
+/// Guard that sets the message to print on a signal if no work is claimed, else "interrupted". At most one exists.
 #[derive(Debug)]
 pub struct Note(());
 
 impl Note {
-    /// Creates the guard. `message`: text to print on a signal.
     pub fn new(message: impl Into<String>) -> Self {
         let note = Self(());
         note.say(message);
@@ -138,8 +133,7 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Registers a task that runs on a signal, before the message is printed. The task must take less than a second.
-    /// `what`: name of the task in the message.
+    /// Registers a task of less than a second that runs on a signal, before the message, which names it: `what`.
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));
@@ -172,8 +166,7 @@ fn noted() -> String {
     format!("{message}; {what} {end}")
 }
 
-/// Writes the files of a cover, and returns the message to print: the message of the cover. If a file cannot be
-/// written, the message is the first error.
+/// Writes the files of a cover. Returns the message to print: the cover's or, if a file fails, the first error.
 fn saved(cover: &Cover) -> String {
     // All files are tried, even if one cannot be written.
     let written: Vec<_> = cover.files.iter().map(|(path, bytes)| write_atomic(path, bytes)).collect();
@@ -184,8 +177,7 @@ fn saved(cover: &Cover) -> String {
 }
 
 /// Handles a signal, then exits with status `128 + signal`. Waits until claimed work is saved, or writes the files of a
-/// [`Cover`]; then prints the message. Keeps `STATE` locked, so that the loop that owns the [`Claim`] does not write
-/// the same files.
+/// [`Cover`]; then prints the message. Keeps `STATE` locked: the [`Claim`]'s loop must not write the same files.
 fn end(signal: i32, say: fn(&str)) -> ! {
     SIGNAL.store(signal, Ordering::Relaxed);
     let claimed = |state: &mut State| matches!(state, State::Claimed);

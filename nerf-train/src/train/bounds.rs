@@ -23,9 +23,8 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// Returns the length of a step of the ray march, world units: a length of the scene, divided by `steps_across`. In
-    /// a bounded scene, this length is the longest side of the scene box; in an unbounded scene, the diameter of the
-    /// uncontracted ball.
+    /// Returns the length of a ray march step, world units: the longest side of the scene box or, in an unbounded
+    /// scene, the diameter of the uncontracted ball, divided by `steps_across`.
     pub fn step(&self, steps_across: u16) -> f32 {
         let across = match self.contraction {
             Some(contraction) => 2.0 * contraction.radius(),
@@ -48,17 +47,15 @@ impl Bounds {
 
 /// Number of cells along the longest side of a coarse visual hull. Only the scene box is computed from this hull.
 const COARSE_HULL: u16 = 64;
-/// Distance from a camera, in radii of the uncontracted ball, up to which space is taken as empty in an unbounded scene
-/// without sparse points.
+/// Distance from a camera, in radii of the inner ball, taken as empty in an unbounded scene without sparse points.
 const NEAR_RADII: f32 = 0.1;
 /// Far end of the rays of an unbounded scene without sparse points, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
 /// Least distance between two cameras, in radii of the uncontracted ball. In the first occupancy grid of an unbounded
 /// scene, a cell is occupied only if two cameras at least this far apart see it.
 const APART_RADII: f32 = 0.05;
-/// Quantile and factor that bound the empty space before the cameras of an unbounded scene with sparse points. Space is
-/// taken as empty up to this quantile of the distances from the cameras to the points in their photographs, times the
-/// factor.
+/// Quantile and factor that bound the empty space before the cameras of an unbounded scene with sparse points: this
+/// quantile of the distances from the cameras to the points in their photographs, times the factor.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
 /// Quantile and factor that give the radius of the uncontracted ball if all cameras look nearly the same way. The
 /// radius is this quantile of the distances from the cameras to the points in their photographs, times the factor.

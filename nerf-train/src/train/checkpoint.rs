@@ -1,7 +1,6 @@
 //! Checkpoint: the state from which a run resumes exactly where it stopped.
 //!
-//! Runs with the same output path use one checkpoint file. [`Checkpoint::check_belongs`] refuses the checkpoint of
-//! another run.
+//! Runs with the same output path use one checkpoint file; [`Checkpoint::check_belongs`] refuses that of another run.
 
 use super::average::Average;
 use super::photographs::Photographs;
@@ -108,9 +107,8 @@ impl Checkpoint {
         }
     }
 
-    /// Returns an error that names the first difference if the checkpoint is of a run with other data or settings.
-    /// `config`: settings as JSON, from the function `settings`. `data`: name and fingerprint of the data set. Limits
-    /// on steps and time are not compared: a run may be continued with other limits.
+    /// Returns an error that names the first difference if the checkpoint is of a run with other settings (`config`,
+    /// from `settings`) or `data` (name and fingerprint). Limits on steps and time may differ.
     pub fn check_belongs(&self, path: &Path, config: &str, data: (&str, u64)) -> anyhow::Result<()> {
         let other = |field: &str, expected: &str, found: &str| {
             let path = path.display();
@@ -133,9 +131,8 @@ impl Checkpoint {
         }
     }
 
-    /// Returns the name of the first part that contradicts another part of the checkpoint, or the resuming run; `None`
-    /// if all parts fit. Parts are checked because a valid checksum does not prove that this program wrote the file.
-    /// `average`: averaged parameters of the resuming run.
+    /// Returns the name of the first part that contradicts another part, or the resuming run (`average`); `None` if all
+    /// fit. A valid checksum does not prove that this program wrote the file.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -157,9 +154,8 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
     )
 }
 
-/// Returns the settings that must not change when a run is resumed. They are JSON because TOML cannot store the seed, a
-/// u64. Settings that may change are set to 1: the number of steps and, with a learned grid, the number of samples per
-/// ray.
+/// Returns the settings that must not change when a run is resumed, as JSON, since TOML cannot store the seed, a u64.
+/// Settings that may change are 1: number of steps and, with a learned grid, number of samples per ray.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();
@@ -169,8 +165,7 @@ pub(crate) fn settings(config: &impl Serialize) -> String {
     tree.to_string()
 }
 
-/// Returns the first field that differs between `now` and `then`: its path, such as `network.width`, and its two
-/// values. Returns `None` if `now` and `then` are equal.
+/// Returns path, such as `network.width`, and both values of the first field that differs; `None` if all are equal.
 pub(crate) fn difference(now: &Value, then: &Value) -> Option<(String, String, String)> {
     match (now, then) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {

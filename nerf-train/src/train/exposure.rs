@@ -7,8 +7,7 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps for which gains are learned on trial. After the trial, gains are kept only if the exposures differ
-/// enough.
+/// Number of steps for which gains are learned on trial. Then they are kept only if the exposures differ enough.
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: first, while the gains are on trial; second, otherwise.
 const RATES: [f32; 2] = [5e-3, 1e-3];
@@ -21,8 +20,7 @@ pub struct Gains {
     moment2: Vec<[f32; 3]>,
     steps: u32,
     on_trial: bool,
-    /// Whether gains are kept even if they hardly differ. True if the user asks for gains, or if the photographs
-    /// contradict each other.
+    /// Whether gains are kept even if they hardly differ: the user asks, or the photographs contradict each other.
     own: bool,
 }
 
@@ -45,8 +43,7 @@ impl ExposureFound {
         Self { spread, by_tracks, fitted, outlier }
     }
 
-    /// Returns a message for the user about the spread of exposures and, if present, the outlier. `views`: the training
-    /// photographs.
+    /// Returns a message about the spread of exposures and the outlier, if any. `views`: the training photographs.
     pub fn in_words(&self, views: &[View]) -> String {
         let by = if self.by_tracks { "key points" } else { "the first steps" };
         let percent = 100.0 * (self.spread.exp() - 1.0);
@@ -102,9 +99,8 @@ impl Gains {
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// Does one Adam step. `gradients`: gradients of the loss with respect to each photograph's log gains. Returns a
-    /// finding after the trial's last step, else `None`. If the finding's `fitted` is false, the caller must discard
-    /// the gains.
+    /// Does one Adam step. `gradients`: of the loss with respect to each photograph's log gains. Returns a finding
+    /// after the trial's last step, else `None`. Unless the finding is `fitted`, the caller must discard the gains.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

@@ -47,10 +47,7 @@ impl<'p> FieldTrainer<'p> {
         Ok(Self { photo, config, model, engine, batch: Batch::default(), state })
     }
 
-    /// Does one training step. `share`: used fraction of the budget, which sets the learning rate.
-    ///
-    /// # Errors
-    /// [`TrainError::Engine`] if the step diverged; the run is then unchanged.
+    /// Does one training step. Fails without a change if it diverges. `share`: used fraction of the budget.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         self.draw();
         if let Some(grid) = self.config.grid.as_ref().filter(|grid| grid.is_rounded(share)) {
@@ -65,8 +62,7 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Fills the batch with random pixels. For a learned grid, the pixels are in row order, so that successive rays
-    /// read nearby entries.
+    /// Fills the batch with random pixels, for a learned grid in row order: successive rays read nearby entries.
     fn draw(&mut self) {
         let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;

@@ -37,8 +37,7 @@ pub struct Progressed {
     pub samples: u64,
     /// Smoothed number of samples per ray. With a learned grid, only samples with a backward pass are counted.
     live_per_ray: f64,
-    /// Smoothed mean squared error of the training rays. Before the first step, 0 in a fit of a scene and NaN in a fit
-    /// of a 2D field.
+    /// Smoothed mean squared error of the training rays; before the first step 0 (scene) or NaN (2D field).
     pub mse: f64,
     /// Number of consecutive steps in which no sample got a gradient, usually because every density was 0.
     dead_steps: u32,

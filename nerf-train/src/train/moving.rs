@@ -1,11 +1,10 @@
 //! Objects that moved while the photographs were taken: found by the field's colour errors, and left out of the loss.
 //!
 //! Photographs are cut into square patches. A patch's error is the mean of its rays' signed errors. Errors of fine
-//! texture that is hard to fit have different signs from pixel to pixel, and cancel out. Errors of an object that only
-//! one photograph shows do not cancel out. Large connected regions of patches with large errors are masked: rays in
-//! masked patches have weight 0 in the loss, but are still cast, so that a wrong mask can be undone. If the photograph
-//! of one of the two nearest cameras has large errors at the same patches, the field is wrong, and the region is not
-//! masked.
+//! texture that is hard to fit change sign from pixel to pixel, and cancel out. Errors of an object that only one
+//! photograph shows do not. Large connected regions of patches with large errors are masked: their rays have weight 0
+//! in the loss, but are still cast, so that a wrong mask can be undone. If the photograph of one of the two nearest
+//! cameras has large errors at the same patches, the field is wrong, and the region is not masked.
 //!
 //! # Source
 //! Sabour et al. 2023 (RobustNeRF), patch-wise robust weights. Deviation: the signed mean of a patch's error in place
@@ -24,8 +23,7 @@ use std::ops::Range;
 const EVERY: u32 = 500;
 /// Least number of training photographs with which a run masks moving objects.
 const FEWEST_VIEWS: usize = 8;
-/// Largest numbers of patches: along a photograph's longer side, and in all photographs. With more patches, each patch
-/// would get too few rays.
+/// Largest numbers of patches: along a photograph's longer side, and in all photographs. More would get too few rays.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;
@@ -43,8 +41,7 @@ const NEIGHBOURS: usize = 2;
 /// Limit on the fraction of a region's patches that also have large errors in the photograph of one of the nearest
 /// cameras. From this fraction on, the field is taken to be wrong, and the region is not masked.
 const SHARED: f32 = 0.5;
-/// Largest fraction of all patches that may be masked. If more patches would be masked, none is: the whole capture is
-/// then wrong, not one object.
+/// Largest fraction of all patches to mask. If it is exceeded, none is masked: the capture is wrong, not one object.
 const MOST: f32 = 0.3;
 
 /// Division of a photograph into patches.
@@ -66,8 +63,7 @@ impl Tiles {
         self.columns * self.rows
     }
 
-    /// Maps `patch` of another photograph, whose division is `other`, to the patch at the same relative position in
-    /// this photograph.
+    /// Maps `patch` of another photograph, of division `other`, to the patch at the same relative position here.
     fn across(&self, patch: usize, other: &Self) -> usize {
         let (column, row) = (patch % other.columns, patch / other.columns);
         row * self.rows / other.rows * self.columns + column * self.columns / other.columns
@@ -109,8 +105,7 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// Masks the moved object's pixels in `view`, so that scores ignore them. Masks nothing if no unmasked pixel would
-    /// remain.
+    /// Masks the moved object's pixels in `view`, so that scores ignore them, unless no pixel would remain.
     pub fn leave_out_of(&self, view: &mut View) {
         let counts: Vec<bool> =
             self.mask.iter().enumerate().map(|(pixel, &masked)| !masked && view.counts(pixel)).collect();
@@ -276,8 +271,7 @@ fn tiles(views: &[View]) -> Vec<Tiles> {
     views.iter().map(of).collect()
 }
 
-/// Returns, for each photograph, the [`NEIGHBOURS`] other photographs whose cameras are nearest in position and
-/// direction.
+/// Returns, for each photograph, the [`NEIGHBOURS`] others whose cameras are nearest in position and direction.
 fn neighbours(views: &[View]) -> Vec<Vec<usize>> {
     let poses: Vec<(Vec3, Vec3)> =
         views.iter().map(|view| (view.camera.pose().position, view.camera.pose().forward())).collect();
@@ -326,8 +320,7 @@ mod tests {
 
     const SIDE: u32 = 80;
 
-    /// Photographs with a mask after one update. `error`: colour error of a pixel, as a function of photograph, column
-    /// and row.
+    /// Photographs with a mask after one update. `error`: a pixel's colour error by photograph, column and row.
     fn decided(moving: &mut Moving, views: &[View], error: impl Fn(usize, u32, u32) -> f32) -> Vec<Moved> {
         for view in 0..views.len() {
             let pixels: Vec<u32> = (0..SIDE * SIDE).collect();
@@ -346,8 +339,7 @@ mod tests {
         demo::small(9, 1, SIDE).train
     }
 
-    /// Error like that of a fine texture before it is fitted: `size` and −`size` in turn from pixel to pixel, with mean
-    /// zero.
+    /// Error like a fine texture's before it is fitted: `size` and −`size` in turn from pixel to pixel, mean 0.
     fn grain(x: u32, y: u32, size: f32) -> f32 {
         if (x + y).is_multiple_of(2) { size } else { -size }
     }

@@ -1,5 +1,4 @@
-//! Properties of the photographs that a run learns: gains, poses, masks of moving objects, and the PSNR of withheld
-//! photographs.
+//! What a run learns of the photographs: gains, poses, masks of moving objects, and the PSNR of withheld photographs.
 
 use super::exposure::{ExposureFound, Gains};
 use super::moving::{Moved, Moving};
@@ -39,8 +38,7 @@ impl Photographs {
             (found.poses, found.poses_found) = Poses::of(dataset, sights.is_some(), capture.poses);
             found.moving = Moving::of(views, capture.moving);
         }
-        // With refined poses no photograph is withheld: the poses of the others would drift away from those of the
-        // withheld ones.
+        // With refined poses no photograph is withheld: the poses of the others would drift away from its own.
         if found.poses.is_none() {
             found.withheld = Withheld::of(views, config);
         }
@@ -66,9 +64,8 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Sets gains and loss weights of the rays of `batch`. If poses are refined, also requests the loss gradients with
-    /// respect to the rays. Returns refined cameras for the next rays; `None` if no camera moved. `share`: used
-    /// fraction of the budget.
+    /// Sets gains and loss weights of the rays of `batch` and, if poses are refined, requests gradients of the rays.
+    /// Returns refined cameras for the next rays, if any moved. `share`: used fraction of the budget.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,

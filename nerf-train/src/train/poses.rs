@@ -1,8 +1,7 @@
 //! Poses of the photographs, refined with the field.
 //!
-//! A camera is rotated and translated by small steps against the gradient of the loss with respect to its rays. The
-//! steps are taken in coordinates in which a step of length 1 moves the image by one pixel, root mean square, for any
-//! mixture of rotation and translation.
+//! A camera is rotated and translated by small steps against the gradient of the loss with respect to its rays. In the
+//! coordinates of the steps, length 1 moves the image by one pixel, root mean square, for any rotation and translation.
 //!
 //! # Source
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner.
@@ -18,8 +17,7 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps at the start of a run in which poses are refined on trial. Refinement goes on if the image has moved
-/// by at least [`CALLED_FOR`].
+/// Number of first steps in which poses are refined on trial: it goes on if the image has moved by [`CALLED_FOR`].
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
@@ -29,10 +27,9 @@ const RATES: [f32; 2] = [0.3, 0.01];
 /// at the beginning of the run. Second number: from the fraction `SHARP_FROM` of the run on.
 const BLURS: [f32; 2] = [0.02, 0.001];
 const SHARP_FROM: f64 = 0.5;
-/// Least motion of the image in the first [`TRIAL`] steps with which the refinement goes on: median over the
-/// photographs, in focal lengths. If the motion is smaller, the given poses are kept. Refining correct poses moves the
-/// image by 0.002 to 0.006, and costs 0.1 to 0.4 dB of PSNR. Refining poses that are wrong by half a degree to one
-/// degree moves the image by 0.013.
+/// Least motion of the image in the first [`TRIAL`] steps with which refinement goes on: median over the photographs,
+/// in focal lengths. Below it, the given poses are kept. Refining correct poses moves the image by 0.002 to 0.006, and
+/// costs 0.1 to 0.4 dB of PSNR; refining poses that are wrong by 0.5 to 1 degree moves it by 0.013.
 const CALLED_FOR: f64 = 8e-3;
 /// Median reprojection error of the sparse points, pixels, up to which the given poses are trusted and not refined.
 const BELIEVED: f64 = 2.0;
@@ -52,8 +49,7 @@ type Twist = [f32; 6];
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Poses {
     moved: Vec<Twist>,
-    /// Corrections of the cameras that cast the next rays. The corrections may lack the last move, because the rays of
-    /// a step are cast during the step before.
+    /// Corrections of the cameras that cast the next rays, which are cast a step ahead: the last move may be missing.
     cast: Vec<Twist>,
     /// For each camera, the sum of the loss gradients with respect to its pose since the last move.
     sums: Vec<Twist>,
@@ -87,19 +83,14 @@ impl std::fmt::Display for PosesFound {
 }
 
 impl Poses {
-    /// Returns the poses to refine, and a finding. The poses are `None` if the given poses are kept. The finding states
-    /// that the sparse points confirm the given poses; otherwise it is `None`. `sights`: whether the photographs have
-    /// lines of sight to sparse points.
-    pub fn of(
-        dataset: &Dataset,
-        sights: bool,
-        refinement: PoseRefinement,
-    ) -> (Option<Self>, Option<PosesFound>) {
+    /// Returns the poses to refine, and a finding. The poses are `None` if the given poses are kept. The finding is
+    /// that the sparse points confirm these, else `None`. `sights`: whether there are lines of sight to sparse points.
+    pub fn of(dataset: &Dataset, sights: bool, asked: PoseRefinement) -> (Option<Self>, Option<PosesFound>) {
         let begin = |on_trial| Some(Self::given(dataset.train.len(), on_trial));
-        if refinement == PoseRefinement::Given || dataset.train.len() < 2 {
+        if asked == PoseRefinement::Given || dataset.train.len() < 2 {
             return (None, None);
         }
-        if refinement == PoseRefinement::Refine {
+        if asked == PoseRefinement::Refine {
             return (begin(false), None);
         }
         // Without points the median is NaN.
@@ -187,8 +178,7 @@ impl Poses {
         self.verdict(step, given, contraction)
     }
 
-    /// Decides after step `TRIAL` − 1 (counted from 0) whether to go on refining the poses. Returns `None` after other
-    /// steps.
+    /// Decides after step `TRIAL` − 1 (counted from 0) whether to go on refining the poses; `None` after other steps.
     fn verdict(&mut self, step: u32, given: &[View], contraction: &Contraction) -> Option<PosesFound> {
         if step + 1 != TRIAL {
             return None;

@@ -111,9 +111,8 @@ impl Budget {
         )
     }
 
-    /// Returns the used fraction of the budget, 0 to 1: the fraction of steps or the fraction of time, whichever is
-    /// larger. The fraction of time is `seconds` divided by the time for training: the limit in seconds minus
-    /// `reserve`, the seconds for the work after the last step.
+    /// Returns the used fraction of the budget, 0 to 1: of steps or of time, whichever is larger. The fraction of time
+    /// is `seconds` divided by the limit minus `reserve`, the seconds for the work after the last step.
     pub fn share(&self, step: u32, seconds: f64, reserve: f64) -> f64 {
         let of_steps = self.steps.map_or(0.0, |steps| f64::from(step) / f64::from(steps));
         let of_time = self.seconds.map_or(0.0, |limit| seconds / (limit - reserve).max(1e-3));
@@ -121,8 +120,7 @@ impl Budget {
     }
 }
 
-/// Returns the learning rate after `step` steps, when the fraction `share` of the budget is used:
-/// `rate · final_share^share`, after a linear warm-up.
+/// Returns the learning rate after `step` steps, at `share` of the budget: `rate · final_share^share`, after a warm-up.
 pub fn learning_rate(config: &OptimiserConfig, step: u32, share: f64) -> f64 {
     let warm = if config.warm_up == 0 { 1.0 } else { f64::from(step + 1) / f64::from(config.warm_up) };
     config.rate * config.final_share.powf(share) * warm.min(1.0)
@@ -167,8 +165,7 @@ mod tests {
             budget.check_steps(fine, MIN_STEPS).expect("enough");
         }
         assert!(refused(Done { before: 30, steps: 30, ..done }).contains("at least 1 steps"));
-        // A run that reached its limit in steps is accepted however small the limit, and so is a run without a limit in
-        // seconds.
+        // A run at its limit in steps is accepted however small the limit, and so is a run without a limit in seconds.
         let all = Budget { steps: Some(3), ..budget };
         all.check_steps(Done { steps: 3, ..done }, MIN_STEPS).expect("what was asked for");
         Budget { seconds: None, ..budget }.check_steps(done, MIN_STEPS).expect("no limit");

@@ -1,5 +1,4 @@
-//! Photographs withheld from training in a run's first steps. The weight decay is set from the PSNR gap between the
-//! withheld photographs and the others.
+//! Photographs withheld at first, whose PSNR gap to the other photographs sets the weight decay.
 
 use crate::data::View;
 use crate::model::config::{Config, OptimiserConfig, Withholding};
@@ -10,8 +9,7 @@ use serde::{Deserialize, Serialize};
 const TRIAL: u32 = 1_500;
 /// First step whose colour errors are summed to find the PSNR of the photographs.
 const SUMMED_FROM: u32 = 1_000;
-/// Step from which a run that withheld photographs looks for moving objects: by then the field has also learned the
-/// photographs that were withheld at first.
+/// Step from which a run looks for moving objects after withholding: the field has then also learned those photographs.
 pub const LEARNED_FROM: u32 = 2_000;
 /// Least number of steps that a run must have for photographs to be withheld.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
@@ -21,10 +19,9 @@ const GIVEN_UP_AT: f64 = 0.5;
 const COUNT: usize = 6;
 /// Least number of training photographs that a run must have for some to be withheld.
 const FEWEST: usize = 24;
-/// Limits of the PSNR gap between withheld and other photographs, dB. Up to the first limit, the weight decay stays as
+/// Limits of the PSNR gap between withheld and other photographs, dB. Up to the first, the weight decay stays as
 /// configured; from the second on, it is multiplied by [`MOST`]. Captures whose PSNR falls with more decay have gaps of
-/// 0.8 to 2.9. A capture in which the light turned with the object has gaps of 4.9 to 5.1; with more decay, its PSNR
-/// rises by 2.4 dB.
+/// 0.8 to 2.9. A capture whose light turned with the object has gaps of 4.9 to 5.1; more decay gains 2.4 dB.
 const GAPS: [f64; 2] = [3.4, 4.4];
 const MOST: f64 = 30.0;
 /// Least number of rays from which the PSNR of a photograph is computed.
@@ -33,8 +30,7 @@ const KNOWN: f64 = 64.0;
 /// Colour errors of the training photographs while some of them are withheld.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Withheld {
-    /// For each photograph: sums of its rays' errors in red, green and blue, sum of the squared errors, and number of
-    /// rays.
+    /// For each photograph: sums of its rays' errors in red, green, blue, and squared, and number of rays.
     sums: Vec<[f64; 5]>,
 }
 
@@ -80,8 +76,7 @@ impl Withheld {
         fits.then(|| Self { sums: vec![[0.0; 5]; views.len()] })
     }
 
-    /// Whether it is too late for a finding, so that withholding ends without one. `share`: used fraction of the
-    /// budget.
+    /// Whether it is too late for a finding: withholding ends without one. `share`: used fraction of the budget.
     pub fn is_given_up(share: f64) -> bool {
         share > GIVEN_UP_AT
     }

@@ -8,8 +8,7 @@ use serde::Serialize;
 
 /// Limits for a PSNR far below the median: lower by more than `.0` dB and by more than `.1` median absolute deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// Difference, dB, between the mean PSNR of the best and of the worst group, at or above which the worst group's poses
-/// are doubtful.
+/// Difference of the best and the worst group's mean PSNR, dB, from which on the worst group's poses are doubtful.
 const DIFFERENT_DB: f64 = 3.0;
 /// Median PSNR, dB, below which photographs without point tracks are reported as contradicting each other.
 const LOW_DB: f64 = 22.0;
@@ -39,8 +38,7 @@ pub struct Group {
 }
 
 impl Fitted {
-    /// Judges a fit of `steps` training steps. `photographs`: name and PSNR, dB, of each photograph. The result is
-    /// empty if no PSNR is finite.
+    /// Judges a fit of `steps` steps. `photographs`: names and PSNR, dB. The result is empty if no PSNR is finite.
     pub fn of(diagnosis: &Diagnosis, photographs: &[(&str, f64)], steps: u32) -> Self {
         let finite = || photographs.iter().map(|(_, db)| *db).filter(|db| db.is_finite());
         let middle = median(finite());

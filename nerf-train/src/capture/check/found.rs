@@ -21,12 +21,10 @@ const MISPLACED: (usize, usize) = (10, 2);
 const WIDE_GAP: f32 = 60.0;
 /// Maximum number of names, or ranges of names, in a list. Further photographs are only counted.
 const LISTED: usize = 6;
-/// Minimum size of the two parts of a capture that a single link connects, in photographs. The link is reported if both
-/// parts have at least this size.
+/// Minimum size, photographs, of both parts of a capture that a single link connects, for the link to be reported.
 const HANGING: usize = 3;
 
-/// Reason why the photographs fall into groups: a folded reconstruction (two sides of the scene are superimposed),
-/// wrong poses, or pieces without shared points.
+/// Reason why photographs fall into groups: a folded reconstruction (superimposed sides), wrong poses, separate pieces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Reason {
     Folded,

@@ -1,5 +1,4 @@
-//! Groups of photographs whose poses are mutually consistent. They are found from pairs of photographs that agree with
-//! each other or contradict each other.
+//! Groups of photographs with mutually consistent poses, found from pairs that agree with or contradict each other.
 
 use super::pairs::Pair;
 use std::collections::{BTreeMap, BTreeSet};
@@ -7,14 +6,12 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Threshold on [`Pair::different`]. In clustering, a pair of photographs with a value below the threshold counts for
 /// merging the two; a pair with a value above it counts against merging.
 const UNDECIDED: f32 = 0.35;
-/// Divisor for small sets of photographs: a set is small if it has at most 1 / `FEW` of all photographs, or at most
-/// two.
+/// Divisor for small sets of photographs: a small set has at most 1 / `FEW` of all photographs, or at most two.
 const FEW: usize = 10;
 /// Minimum number of contradicting pairs that make a photograph an outlier, or that keep two groups separate.
 const CERTAIN: usize = 3;
-/// Minimum number of contradicting pairs, as a fraction of all compared pairs, at which photographs of rejected
-/// clusters may form a last group. As a second condition, the rejected clusters must hold more than [`few`]
-/// photographs.
+/// Minimum fraction of contradicting pairs among compared pairs, at which photographs of rejected clusters may form a
+/// last group. The rejected clusters must also hold more than [`few`] photographs.
 const TORN: f32 = 0.1;
 
 /// Groups of photographs, and outliers. Poses agree within each group; outliers agree with no group.
@@ -53,8 +50,7 @@ fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     label
 }
 
-/// Returns the number of pairs of photographs that agree, and the number of pairs that contradict each other. Only
-/// pairs whose two indices `which` accepts are counted.
+/// Returns the numbers of pairs that agree and that contradict each other, among those whose indices `which` accepts.
 fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     let chosen = pairs.iter().filter(|pair| which(pair.views));
     chosen.fold((0, 0), |(good, bad), pair| {
@@ -134,8 +130,7 @@ impl Groups {
     /// Makes the final groups and the outliers.
     ///
     /// `group`: index of each photograph's group, below `groups`; `None` if the photograph is in `contradict` or in no
-    /// pair. A photograph in no pair joins the previous photograph's group. `contradict`: photographs of rejected
-    /// clusters.
+    /// pair, and then joins the previous photograph's group. `contradict`: photographs of rejected clusters.
     ///
     /// Photographs of rejected clusters, and photographs of small groups other than the first group, are doubtful. If
     /// there are many photographs of rejected clusters ([`FEW`], [`TORN`]), all doubtful photographs form a last group.

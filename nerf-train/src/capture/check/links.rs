@@ -4,8 +4,7 @@ use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Minimum number of common points that link two photographs. Photographs that agree ([`Pair::agrees`]) are also
-/// linked.
+/// Minimum number of common points that link two photographs; agreement ([`Pair::agrees`]) links them, too.
 const LINKED: u32 = 15;
 /// Maximum number of photographs that one point links to each other; further photographs of the point are ignored.
 const MAX_TRACK: usize = 200;
@@ -28,9 +27,8 @@ struct Search<'l> {
 }
 
 impl Search<'_> {
-    /// Searches depth-first from `view`. Returns its low-link: the smallest `reached` of `view`, of its descendants in
-    /// the search tree, and of all photographs linked to `view` or to a descendant. The link from `view` to `parent` is
-    /// ignored.
+    /// Searches depth-first from `view`, without the link to `parent`. Returns its low-link: the smallest `reached` of
+    /// `view`, of its descendants in the search tree, and of all photographs linked to one of these.
     ///
     /// # Source
     /// Tarjan 1974, "A note on finding the bridges of a graph".

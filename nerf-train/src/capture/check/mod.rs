@@ -118,10 +118,7 @@ impl Diagnosis {
     }
 
     /// Removes the training photographs in `contradicting`. A `group`, counted from 1, also removes the photographs
-    /// outside that group from all splits.
-    ///
-    /// # Errors
-    /// If the group does not exist or has no training view. The data set is then unchanged.
+    /// outside that group from all splits. Fails, without a change, for a group without training views.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {
         if let Some(found) = group {
             let groups = self.groups.len();

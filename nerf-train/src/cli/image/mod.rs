@@ -15,6 +15,7 @@ use crate::system::output::claims::Claims;
 use crate::system::output::ensure_folder;
 use crate::system::stop;
 use crate::train::schedule::Clock;
+use anyhow::Result;
 use clap::{Args, Subcommand};
 use render::Render;
 use std::path::{Path, PathBuf};
@@ -33,7 +34,7 @@ pub enum Image {
 }
 
 impl Image {
-    pub fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+    pub fn run(&self, global: &Global) -> Result<ExitCode> {
         match self {
             Self::Fit(fit) => fit.run(global),
             Self::Render(render) => render.run(global),
@@ -53,7 +54,7 @@ pub struct PhotoOptions {
 }
 
 impl PhotoOptions {
-    pub fn read(&self, file: &Path, global: &Global) -> anyhow::Result<Photo> {
+    pub fn read(&self, file: &Path, global: &Global) -> Result<Photo> {
         let photo = Photo::read(file, self.background, self.scale)?;
         let [width, height] = photo.size();
         global.say(format!("{}: {width}x{height} pixels", photo.name));
@@ -81,7 +82,7 @@ pub struct Settings {
 
 impl Settings {
     /// Returns `config` overridden by `--steps` and `--pixels`, then by `--set`, then by `--seed`.
-    pub fn over(&self, mut config: FieldConfig) -> anyhow::Result<FieldConfig> {
+    pub fn over(&self, mut config: FieldConfig) -> Result<FieldConfig> {
         let o = &mut config.optimiser;
         o.steps = self.steps.unwrap_or(o.steps);
         // The warm-up of the learning rate takes at most a fifth of the run, unless `--set` gives its length.
@@ -136,7 +137,7 @@ pub struct Fit {
 
 impl Fit {
     /// Returns the preset's settings, overridden by the flags. `size`: width and height of the image, pixels.
-    fn config(&self, size: [u32; 2]) -> anyhow::Result<FieldConfig> {
+    fn config(&self, size: [u32; 2]) -> Result<FieldConfig> {
         let mut config = self.settings.over(self.preset.config().for_picture(size))?;
         let more = given([("--max-bytes", self.max_bytes.is_some())]);
         self.table.apply(config.grid.as_mut(), more, &self.preset)?;
@@ -150,14 +151,8 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns `config`. With `--max-bytes`, changes the grid so that the file has at most that many bytes, and reports
-    /// the changed grid.
-    fn within_bytes(
-        &self,
-        config: FieldConfig,
-        photo: &Photo,
-        global: &Global,
-    ) -> anyhow::Result<FieldConfig> {
+    /// Returns `config`. With `--max-bytes`, changes the grid so that the file fits, and reports the changed grid.
+    fn within_bytes(&self, config: FieldConfig, photo: &Photo, global: &Global) -> Result<FieldConfig> {
         let Some(max_bytes) = self.max_bytes else { return Ok(config) };
         let (size, name) = (photo.size(), &photo.name);
         let fitted = size::picture_within(&config, self.table.chosen(), size, name, max_bytes)?;
@@ -169,7 +164,7 @@ impl Fit {
         Ok(fitted)
     }
 
-    fn run(&self, global: &Global) -> anyhow::Result<ExitCode> {
+    fn run(&self, global: &Global) -> Result<ExitCode> {
         let clock = Clock::start();
         let (checkpoint, snapshots) = self.check()?;
         let photo = self.photo_options.read(&self.photo, global)?;
@@ -212,9 +207,8 @@ impl Fit {
         global.finish(&summary)
     }
 
-    /// Checks the options before the image is read. Returns the paths of the checkpoint file and of the snapshot
-    /// folder; `None` for a path that is not written.
-    fn check(&self) -> anyhow::Result<(Option<PathBuf>, Option<PathBuf>)> {
+    /// Checks the options before the image is read. Returns the paths of checkpoint and snapshots; `None`: not written.
+    fn check(&self) -> Result<(Option<PathBuf>, Option<PathBuf>)> {
         // The picture's size is still unknown. The settings are checked again when it is known.
         self.config([MAX_SIDE; 2])?;
         let checkpoint =

@@ -10,7 +10,7 @@ use crate::model::config::{Config, Surroundings};
 use crate::system::input::{MAX_TOML_BYTES, read_text};
 use crate::system::output::claims::Claims;
 use crate::system::progress::{self, Progress, ProgressStyle, Total};
-use anyhow::Context;
+use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
 use nerf_core::blob::Blob;
 use nerf_core::plan::{Plan, PlanError};
@@ -79,8 +79,7 @@ impl Space {
         }
     }
 
-    /// Applies `self` to `config`: `Contracted` adds a contraction if missing, `Box` removes the contraction, `Auto`
-    /// changes nothing.
+    /// Applies `self` to `config`: `Contracted` adds a missing contraction, `Box` removes one, `Auto` changes nothing.
     pub fn settle(self, config: &mut Config) {
         match self {
             Self::Auto => {}
@@ -122,18 +121,12 @@ impl DataOptions {
         reads_data(Claims::default(), path).reads("the file of --leave-out", self.leave_out.as_deref())
     }
 
-    pub fn read(&self, path: &Path, global: &Global) -> anyhow::Result<Dataset> {
+    pub fn read(&self, path: &Path, global: &Global) -> Result<Dataset> {
         self.read_by(path, &self.options(), &Watch::default(), global)
     }
 
     /// Reads a data set without the photographs that `--leave-out` names.
-    fn read_by(
-        &self,
-        path: &Path,
-        options: &ReadOptions,
-        watch: &Watch,
-        global: &Global,
-    ) -> anyhow::Result<Dataset> {
+    fn read_by(&self, path: &Path, options: &ReadOptions, watch: &Watch, global: &Global) -> Result<Dataset> {
         let mut dataset = read_with(path, options, watch, global)?;
         let Some(file) = &self.leave_out else { return Ok(dataset) };
         let context = || format!("--leave-out {}", file.display());
@@ -146,26 +139,20 @@ impl DataOptions {
 
     /// Reads a data set for training. If shared intrinsics have to be computed, writes them to a file next to the scene
     /// file `output`. Also returns the time of this computation, which does not count as training time.
-    pub fn read_to_fit(
-        &self,
-        path: &Path,
-        output: &Path,
-        global: &Global,
-    ) -> anyhow::Result<(Dataset, Duration)> {
+    pub fn read_to_fit(&self, path: &Path, output: &Path, global: &Global) -> Result<(Dataset, Duration)> {
         let watch = Watch::default();
         let options = ReadOptions { shared_cameras: Some(cameras_beside(output)), ..self.options() };
         let dataset = self.read_by(path, &options, &watch, global)?;
         Ok((dataset, watch.set_aside()))
     }
 
-    /// Reads a data set as [`Self::read_given_for`] does. Then gives each view its refined pose, if one is stored next
-    /// to the scene file `file`.
+    /// Reads a data set as [`Self::read_given_for`] does, with the refined poses stored next to the scene file `file`.
     pub fn read_for(
         &self,
         path: &Path,
         (blob, file): (&Blob<'_>, &Path),
         global: &Global,
-    ) -> anyhow::Result<Dataset> {
+    ) -> Result<Dataset> {
         let mut dataset = self.read_given_for(path, (blob, file), global)?;
         let Some(refined) = RefinedPoses::beside(file)? else { return Ok(dataset) };
         let mut count = 0;
@@ -187,7 +174,7 @@ impl DataOptions {
         path: &Path,
         (blob, file): (&Blob<'_>, &Path),
         global: &Global,
-    ) -> anyhow::Result<Dataset> {
+    ) -> Result<Dataset> {
         let name = blob.provenance().data;
         let options = ReadOptions {
             to_measure: true,
@@ -214,12 +201,7 @@ impl DataOptions {
 }
 
 /// Reads a data set, with a progress bar if reading takes more than a second.
-pub fn read_with(
-    path: &Path,
-    options: &ReadOptions,
-    watch: &Watch,
-    global: &Global,
-) -> anyhow::Result<Dataset> {
+pub fn read_with(path: &Path, options: &ReadOptions, watch: &Watch, global: &Global) -> Result<Dataset> {
     let style = global.style();
     std::thread::scope(|scope| {
         let (reading, ended) = mpsc::channel::<()>();

@@ -59,8 +59,7 @@ pub fn given<const N: usize>(flags: [(&'static str, bool); N]) -> Option<&'stati
 
 impl TableSettings {
     /// Overrides the settings of `grid` by these flags. Fails if `grid` is `None` and a flag that needs a grid is
-    /// given. `more`: name of a given flag that needs a grid but is not in this struct. `preset`: preset to name in the
-    /// error.
+    /// given. `more`: another given flag that needs a grid, if any. `preset`: preset to name in the error.
     pub fn apply(
         &self,
         grid: Option<&mut TableConfig>,
@@ -104,12 +103,10 @@ impl TableSettings {
     }
 }
 
-/// Memory per feature of a grid's tables, bytes. Training takes 22: five f32 values (feature, gradient, two moments of
-/// Adam, average) and an f16 copy for export. Writing a checkpoint takes 60 more: a copy of the five values (20), and
-/// two serialised copies of them (40).
+/// Memory per feature of a grid's tables, bytes. Training takes 22: five f32 (feature, gradient, Adam's moments,
+/// average) and an f16 copy for export. A checkpoint takes 60 more: a copy of the five and two serialised copies.
 const BYTES_PER_VALUE: u64 = 82;
 
-/// Refuses tables that do not fit into memory.
 pub fn check_memory(grid: &GridEncoding) -> anyhow::Result<()> {
     let values = grid.values() as u64;
     memory::check(format!("tables of {values} values"), values, BYTES_PER_VALUE, "lower --table")

@@ -128,8 +128,7 @@ impl Conduct {
         Some(SnapshotOptions { folder, steps: steps.into(), views: views.into() })
     }
 
-    /// Returns a run's options. `steps`: limit of steps. `asked`: whether a flag gave this limit; if not,
-    /// `--max-seconds` replaces the limit.
+    /// Returns a run's options. `steps`: limit of steps; if no flag `asked` for it, `--max-seconds` replaces the limit.
     pub fn options(
         &self,
         (steps, asked): (u32, bool),

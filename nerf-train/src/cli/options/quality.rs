@@ -59,9 +59,8 @@ pub fn parse_math(name: &str) -> Result<MathBackend, String> {
 }
 
 impl QualityOptions {
-    /// Returns the plan that renders `outputs` of `blob`, with rays limited to the distances from `--near` to `--far`.
-    /// `data`: options that hold these two flags. `file`: path of the scene file, for errors. `default`: part of a ray
-    /// that is sampled if `--bins` is not given.
+    /// Returns the plan that renders `outputs` of `blob`, between the distances `--near` and `--far` of `data`. `file`:
+    /// path of the scene file, for errors. `default`: sampled part of a ray if `--bins` is not given.
     pub fn plan<'b>(
         &self,
         (blob, file): (&Blob<'b>, &Path),

@@ -162,8 +162,7 @@ fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// Returns width and height, pixels, as set by the flags. Without flags, returns the size of `camera`'s image. One flag
-/// alone keeps the aspect ratio.
+/// Returns width and height, pixels, as set by the flags; `camera`'s by default. One flag keeps the aspect ratio.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))
@@ -186,7 +185,6 @@ fn resized(render: &Render, camera: &Camera, size: (u32, u32)) -> Result<Camera,
     Camera::new(intrinsics, *camera.lens(), *camera.pose())
 }
 
-/// Refuses a video of no frames, or of more than [`MAX_FRAMES`].
 fn check_frames(flag: &str, frames: usize) -> anyhow::Result<()> {
     match frames {
         0 => bail!("{flag}: expected at least 1 frame, found 0"),

@@ -21,8 +21,7 @@ pub(super) enum Target {
 }
 
 impl Target {
-    /// Returns the last part of the message about an interruption: whether the finished images are kept, and in which
-    /// folder. `output`: path of `-o`.
+    /// Returns the last part of the message about an interruption: which images are kept, and where. `output`: `-o`.
     pub(super) fn left(&self, output: &Path) -> String {
         match self {
             Self::Still => "no picture is written".to_owned(),
@@ -116,8 +115,7 @@ pub(super) fn claims(render: &Render, target: &Target) -> Claims {
     })
 }
 
-/// Returns the part of the frames that this process renders. For a folder of frames, `--shard` or the index of an array
-/// job selects the part. Otherwise, the part is all frames.
+/// Returns the part of the frames that this process renders: for a folder of frames, by `--shard` or an array job.
 pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow::Result<Shard> {
     match target {
         Target::Frames => render.shard.choose(global),

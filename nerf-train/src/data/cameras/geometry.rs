@@ -3,7 +3,7 @@
 use crate::data::{Dataset, Format, SparsePoint, View};
 use glam::{DMat3, DVec3, Vec3};
 use nerf_core::camera::Camera;
-use nerf_core::space::SceneBox;
+use nerf_core::space::{BoundsError, SceneBox};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -27,8 +27,7 @@ pub struct LookAt {
     pub max_distance: f32,
     /// Fraction of the cameras that have the point behind them, 0..=1.
     pub behind: f32,
-    /// Mean squared sine of the angles between the axes and their common direction, 0..=2/3. The common direction is
-    /// the direction that minimises this mean.
+    /// Mean squared sine, 0..=2/3, of the angles between the axes and the common direction, which minimises this mean.
     pub spread: f32,
 }
 
@@ -41,8 +40,7 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Finds the look-at point of `lines` (position, unit direction); `None` for fewer than two lines or nearly
-    /// parallel lines.
+    /// Finds the look-at point of at least two `lines` (position, unit direction); `None` if they are nearly parallel.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -159,8 +157,7 @@ pub struct SceneBounds {
 /// `far` is the sum of the largest and the mean distance, minus half the smallest distance.
 ///
 /// The box is a cube around the look-at point; its half side is the mean distance minus `near`. If the look-at point is
-/// uncertain ([`LookAt::places_the_scene`]), or if the mean distance is at most `near`, the box encloses all view
-/// frusta from `near` to `far`.
+/// uncertain ([`LookAt::places_the_scene`]), or the mean distance at most `near`, the box holds all frusta instead.
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
@@ -197,11 +194,7 @@ fn proposed_range(look_at: &LookAt, format: Format) -> (f32, f32) {
 }
 
 /// Returns the smallest axis-aligned box around all view frusta between the distances `near` and `far`, world units.
-pub fn frusta_box(
-    cameras: &[Camera],
-    near: f32,
-    far: f32,
-) -> Result<SceneBox, nerf_core::space::BoundsError> {
+pub fn frusta_box(cameras: &[Camera], near: f32, far: f32) -> Result<SceneBox, BoundsError> {
     let (mut min, mut max) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     for camera in cameras {
         let i = camera.intrinsics();
@@ -218,9 +211,8 @@ pub fn frusta_box(
 
 /// Smallest number of sparse points from which a near distance is estimated.
 const ENOUGH_POINTS: usize = 50;
-/// Quantile and factor for the near distance of a view. The quantile of the distances from the camera to the sparse
-/// points in view is multiplied by the factor. The quantile skips outliers; the factor allows for surfaces nearer than
-/// all sparse points.
+/// Quantile and factor for a view's near distance: the quantile of the distances from the camera to the sparse points
+/// in view, which skips outliers, times the factor, which allows for surfaces nearer than all points.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 pub(crate) fn set_near(dataset: &mut Dataset) {
@@ -241,8 +233,7 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// Estimates a near or far distance: the quantile `in_front` (0..1) of `distances`, times `share`. `None` for fewer
-/// than 50 distances.
+/// Estimates a near or far distance: `share` times the quantile `in_front` (0..1) of at least 50 `distances`.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

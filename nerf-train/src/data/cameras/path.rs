@@ -100,8 +100,8 @@ pub fn read_path(file: &Path, origin: [f64; 3]) -> Result<Option<CameraPath>, Da
         .map_err(|source| DatasetError::Io { path: file.into(), source })?;
     let (text, place) = (without_mark(&bytes), Place(file));
     let path = match text.trim_ascii_start().first() {
-        Some(b'[') => of_list(&place, text, origin)?,
-        Some(b'{') => match of_nerfstudio(&place, text, origin)? {
+        Some(b'[') => list(&place, text, origin)?,
+        Some(b'{') => match nerfstudio(&place, text, origin)? {
             Some(path) => path,
             None => return Ok(None),
         },
@@ -113,7 +113,7 @@ pub fn read_path(file: &Path, origin: [f64; 3]) -> Result<Option<CameraPath>, Da
     Ok(Some(path))
 }
 
-fn of_list(place: &Place<'_>, text: &[u8], origin: [f64; 3]) -> Result<CameraPath, DatasetError> {
+fn list(place: &Place<'_>, text: &[u8], origin: [f64; 3]) -> Result<CameraPath, DatasetError> {
     let matrices: Vec<Matrix> = serde_json::from_slice(text)
         .map_err(|error| place.fault("the list", "camera-to-world matrices", error))?;
     let camera = |(i, matrix): (usize, &Matrix)| {
@@ -124,11 +124,7 @@ fn of_list(place: &Place<'_>, text: &[u8], origin: [f64; 3]) -> Result<CameraPat
     Ok(CameraPath { cameras, size: None, fps: None })
 }
 
-fn of_nerfstudio(
-    place: &Place<'_>,
-    text: &[u8],
-    origin: [f64; 3],
-) -> Result<Option<CameraPath>, DatasetError> {
+fn nerfstudio(place: &Place<'_>, text: &[u8], origin: [f64; 3]) -> Result<Option<CameraPath>, DatasetError> {
     let path: Nerfstudio = serde_json::from_slice(text)
         .map_err(|error| place.fault("camera_path", "nerfstudio's camera path", error))?;
     let Some(frames) = path.camera_path else { return Ok(None) };

@@ -8,8 +8,7 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// Fraction of the cameras' azimuths in the arc from which a viewer's orbit range is derived. The arc is the shortest
-/// that contains this fraction.
+/// Fraction of the cameras' azimuths that the shortest arc contains, from which a viewer's orbit range is derived.
 const MOST: f32 = 0.95;
 /// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
@@ -19,15 +18,13 @@ const LEVEL: (f64, f64) = (0.15, 0.02);
 /// Minimum number of sparse points that a view must show for an estimate of the scene's depth from them.
 const ENOUGH_POINTS: usize = 8;
 
-/// Chooses the initial viewpoint from the training cameras; `None` if there is no valid one. `range`: near and far
-/// distance, world units.
+/// Chooses the first viewpoint from the training cameras; `None` if none is valid. `range`: near and far, world units.
 ///
 /// If the cameras look at a common point, this point is the target. The eye is the camera nearest to a typical
 /// position: median height over the target, and median distance from the vertical axis through the target. Unless the
 /// cameras surround the target, the typical position also has the middle of the cameras' range of azimuths.
 ///
-/// If the cameras have no common point, the viewpoint has the position and direction of the camera nearest to the
-/// geometric median of all positions.
+/// Without a common point, the viewpoint is the camera nearest to the geometric median of all positions.
 pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
@@ -64,9 +61,8 @@ pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoin
     places.then_some(found)
 }
 
-/// Estimates the depth of the scene in the training view with index `middle`, world units. The estimate is the median
-/// distance of the sparse points in view. If there are too few points, it is the harmonic mean of `near` and `far`, or
-/// half of `far` if `near` is 0.
+/// Estimates the depth of the scene in the training view `middle`, world units: the median distance of the sparse
+/// points in view or, if they are too few, the harmonic mean of `near` and `far` (half of `far` if `near` is 0).
 fn depth_of(dataset: &Dataset, middle: usize, (near, far): (f32, f32)) -> f32 {
     let seen = distances(&dataset.train[middle], &dataset.points);
     if seen.len() >= ENOUGH_POINTS {
@@ -98,8 +94,7 @@ impl Place {
     }
 }
 
-/// Returns start and length, radians, of the shortest arc that contains the fraction [`MOST`] of `azimuths`; `None`
-/// without azimuths.
+/// Returns start and length, radians, of the shortest arc with the fraction [`MOST`] of `azimuths`; `None` without any.
 fn covered(mut azimuths: Vec<f32>) -> Option<(f32, f32)> {
     azimuths.sort_unstable_by(f32::total_cmp);
     let count = azimuths.len();
@@ -134,8 +129,7 @@ fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let least = smallest_eigenvalue(m);
     let rest = m - DMat3::from_diagonal(DVec3::splat(least));
     let (x, y, z) = (rest.x_axis, rest.y_axis, rest.z_axis);
-    // Columns of the adjugate of `rest`: the outer product of the normal with itself, times the product of the two
-    // eigenvalues other than 0.
+    // Columns of the adjugate of `rest`: the normal's outer product with itself, times the other two eigenvalues.
     let normals = [y.cross(z), z.cross(x), x.cross(y)];
     let product = normals[0].x + normals[1].y + normals[2].z;
     let half = 0.5 * (x.x + y.y + z.z);

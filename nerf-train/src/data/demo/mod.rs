@@ -2,8 +2,7 @@
 //!
 //! The scene has shapes on a plinth without surroundings. They have checkers, stripes and marble, soft shadows, and
 //! highlights that move with the camera, so that a field must model view-dependent colour. The scene fits into the box
-//! [−1, 1]³, needs no download and has this crate's licence. All pictures are computed: equal [`DemoSpec`]s give equal
-//! bytes.
+//! [−1, 1]³ and has this crate's licence. All pictures are computed: equal [`DemoSpec`]s give equal bytes.
 
 mod rounds;
 mod shade;
@@ -42,8 +41,7 @@ impl Default for DemoSpec {
 }
 
 impl DemoSpec {
-    /// Makes a camera that looks at the origin. `azimuth`: radians, from +X towards +Y. `z`: camera height divided
-    /// by the radius, limited to ±0.999.
+    /// Makes a camera that looks at the origin. `azimuth`: radians, from +X to +Y. `z`: height / radius, within ±0.999.
     pub fn camera(&self, azimuth: f32, z: f32) -> Result<Camera, CameraError> {
         let z = z.clamp(-0.999, 0.999);
         let (sin, cos) = azimuth.sin_cos();

@@ -17,8 +17,7 @@ struct Surface {
     exponent: f32,
 }
 
-/// Returns the display-encoded sRGB, 0 to 1, of `point` on `shape`. `normal` and `dir`, the direction from the camera
-/// to the point, are unit vectors.
+/// Returns the display-encoded sRGB, 0 to 1, of `point` on `shape`. `normal`, `dir` (from the camera): unit vectors.
 pub(super) fn colour(shape: &Shape, point: DVec3, normal: DVec3, dir: DVec3) -> [f32; 3] {
     let light_dir = LIGHT.normalize();
     let surface = surface(shape.look, (point - shape.centre).as_vec3(), point.as_vec3(), normal.as_vec3());

@@ -134,8 +134,7 @@ impl Shape {
         (middle + half > 0.0).then_some(((middle - half).max(0.0), middle + half))
     }
 
-    /// Returns the distance, world units, to the first hit of a ray; `None` without a hit before `limit`. `origin` must
-    /// be outside of the shape.
+    /// Returns the distance, world units, to a ray's first hit before `limit`. `origin` must be outside of the shape.
     fn hit(&self, origin: DVec3, dir: DVec3, limit: f64) -> Option<f64> {
         const STEPS: usize = 400;
         const CLOSE: f64 = 1e-8;
@@ -193,8 +192,7 @@ pub(super) fn first(origin: DVec3, dir: DVec3) -> Option<Found> {
     nearest.map(|(t, shape)| Found { t, shape, normal: shape.normal(origin + dir * t) })
 }
 
-/// Returns the fraction, 0..=1, of a small round light that is visible from `point`. `dir`: unit direction to the
-/// light.
+/// Returns the visible fraction, 0..=1, of a small round light, seen from `point`. `dir`: unit direction to the light.
 ///
 /// # Source
 /// Quilez, "Soft shadows in raymarched SDFs": the least ratio of shape distance to ray distance gives the penumbra.

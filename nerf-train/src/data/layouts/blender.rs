@@ -9,8 +9,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const TRAIN: &str = "transforms_train.json";
 const VAL: &str = "transforms_val.json";
 const TEST: &str = "transforms_test.json";
-/// Names of the split files. A path to a split file is read as its folder if [`TRAIN`] exists or if an existing field
-/// is evaluated.
+/// Names of the split files. A path to one is read as its folder if [`TRAIN`] exists or an existing field is evaluated.
 pub(crate) const SPLITS: [&str; 3] = [TRAIN, VAL, TEST];
 
 pub(crate) fn is_here(folder: &Path) -> bool {

@@ -58,8 +58,7 @@ impl std::str::FromStr for Layout {
     }
 }
 
-/// Reads a folder in the requested layout. By default, reads the first layout that fits, and adds a note on the other
-/// layouts that fit.
+/// Reads a folder in the requested layout. By default, reads the first layout that fits, and notes all others that fit.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let fitting: Vec<Layout> = Layout::ALL.into_iter().filter(|layout| layout.fits(folder)).collect();
     let wanted = options.layout.or(fitting.first().copied());

@@ -75,7 +75,7 @@ fn views(
     focal: f64,
     world: World,
 ) -> Result<Vec<View>, DatasetError> {
-    let (count, width, height, channels) = picture_shape(archive, images, array)?;
+    let (count, width, height, channels) = shape_of(archive, images, array)?;
     if c2ws.len() != count {
         let expected = format!("{count} poses, one for each picture of `{images}`");
         return Err(npz::fault(&archive.file, poses, expected, c2ws.len()));
@@ -103,11 +103,7 @@ fn views(
 }
 
 /// Returns the number of pictures in `array`, their width and height in pixels, and their number of channels.
-fn picture_shape(
-    archive: &Archive,
-    key: &str,
-    array: &Array,
-) -> Result<(usize, u32, u32, usize), DatasetError> {
+fn shape_of(archive: &Archive, key: &str, array: &Array) -> Result<(usize, u32, u32, usize), DatasetError> {
     if let &[count, height, width, channels @ (3 | 4)] = array.shape.as_slice()
         && let (Ok(width @ 1..=65_535), Ok(height @ 1..=65_535)) =
             (u32::try_from(width), u32::try_from(height))

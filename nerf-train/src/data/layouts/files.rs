@@ -25,8 +25,7 @@ struct Frame {
     depth_file_path: Option<String>,
 }
 
-/// Adds the files of the data set at `path` to `claims`, as inputs that must not be overwritten. Without a `path`,
-/// returns `claims` unchanged.
+/// Adds the files of the data set at `path`, if any, to `claims`, as inputs that must not be overwritten.
 pub fn reads_data<'p, P: AsRef<Path> + ?Sized + 'p>(
     claims: Claims,
     path: impl Into<Option<&'p P>>,

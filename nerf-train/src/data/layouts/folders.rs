@@ -18,16 +18,14 @@ pub(crate) struct Located {
     pub(crate) reduced: bool,
 }
 
-/// Folders of a data set's photographs. The key of `by_factor` is the factor by which the folder's pictures are
-/// reduced.
+/// Folders of a data set's photographs. The key of `by_factor` is the factor by which a folder's pictures are reduced.
 pub(crate) struct Folders {
     root: PathBuf,
     by_factor: BTreeMap<u32, PathBuf>,
 }
 
 impl Folders {
-    /// Finds the folders `images` and `images_N` in `root`. If there are none, `root` itself is the folder of
-    /// photographs.
+    /// Finds the folders `images` and `images_N` in `root`. If there are none, `root` itself is the folder.
     pub(crate) fn of(root: &Path) -> Result<Self, DatasetError> {
         let mut by_factor = BTreeMap::new();
         for path in entries(root)?.into_iter().filter(|path| path.is_dir()) {
@@ -50,9 +48,8 @@ impl Folders {
     /// Returns the folders to search, best first: path, [`Located::downscale`], and whether the folder holds reduced
     /// copies. `size`: width and height that the data set states, pixels.
     ///
-    /// Folders whose pictures are already reduced by the factor of `downscale` come first. Folders of larger pictures
-    /// follow in order of increasing picture size. Folders of smaller pictures come last for [`Downscale::Auto`], and
-    /// are left out otherwise.
+    /// Folders of pictures reduced by the factor of `downscale` come first, then those of larger pictures in order of
+    /// increasing size. Folders of smaller pictures come last for [`Downscale::Auto`], and are left out otherwise.
     fn candidates(&self, downscale: Downscale, size: (f64, f64)) -> Vec<(&Path, Option<Downscale>, bool)> {
         let factor = downscale.factor(size);
         let larger = self.by_factor.range(..=factor).rev();
@@ -69,9 +66,8 @@ impl Folders {
         candidates
     }
 
-    /// Finds the photograph `name`, a path relative to an image folder, in the first [candidate
-    /// folder](Self::candidates) that has it. `size`: width and height that the data set states, before any reduction,
-    /// pixels.
+    /// Finds the photograph `name`, a path in an image folder, in the first [candidate folder](Self::candidates) that
+    /// has it. `size`: the data set's width and height before any reduction, pixels.
     pub(crate) fn locate(&self, name: &str, downscale: Downscale, size: (f64, f64)) -> Option<Located> {
         self.candidates(downscale, size).into_iter().find_map(|(folder, downscale, reduced)| {
             let path = folder.join(name.replace('\\', "/"));
@@ -109,8 +105,7 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// Finds the mask of photograph `name`; `None` if there is none. For `a.jpg`, the files `a.jpg.png`, `a.png` and
-    /// `a.jpg` in the folder `masks` are tried in this order.
+    /// Finds the mask of photograph `name`, if any: for `a.jpg`, the first of `masks/a.jpg.png`, `a.png` and `a.jpg`.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));

@@ -38,8 +38,7 @@ impl Row {
     }
 }
 
-/// Reads `poses_bounds.npy` and the photographs. The poses are in the order of the photographs, sorted by the bytes of
-/// their names.
+/// Reads `poses_bounds.npy` and the photographs. The poses are in the order of the photographs' names, sorted by bytes.
 pub(crate) fn read(folder: &Path, options: &ReadOptions, watch: &Watch) -> Result<Dataset, DatasetError> {
     let file = folder.join(FILE);
     let (rows, origin) = rows(&file, options)?;

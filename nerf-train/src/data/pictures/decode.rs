@@ -9,8 +9,7 @@ use zune_jpeg::errors::DecodeErrors;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-/// Maximum number of pixels of a picture: 16,384 × 16,384. The limit is needed because a header of a few bytes may
-/// claim any size.
+/// Maximum number of pixels of a picture (16,384 × 16,384), needed because a header of a few bytes may claim any size.
 const MAX_PIXELS: u64 = 1 << 28;
 /// Maximum width and height of a picture, pixels: the largest that a `.nerf` blob can state.
 pub const MAX_SIDE: u32 = 65_535;
@@ -45,15 +44,13 @@ pub(super) fn reader<'s>(source: impl Source + 's) -> ImageReader<Box<dyn Source
     ImageReader::new(Box::new(source))
 }
 
-/// Decodes a picture of any bit depth and channel count. The pixels stay as stored: the returned EXIF orientation has
-/// not been applied. The format is recognised by the file's content. A truncated or damaged JPEG is an error, although
-/// most decoders fill the missing part with grey and return no error.
+/// Decodes a picture of any bit depth and channel count, recognised by its content. The returned EXIF orientation has
+/// not been applied. A truncated or damaged JPEG is an error, although most decoders fill the rest with grey.
 pub fn decode(file: &Path) -> Result<(DynamicImage, Orientation), DecodeError> {
     decode_of(file, |_| true)
 }
 
-/// Decodes a picture as [`decode`] does, if the width and height in its header, pixels, satisfy `wanted`. Otherwise
-/// returns an error, without decoding.
+/// Decodes a picture as [`decode`] does, if width and height in its header, pixels, satisfy `wanted`; otherwise fails.
 pub fn decode_of(
     file: &Path,
     wanted: impl Fn((u32, u32)) -> bool,

@@ -53,14 +53,12 @@ impl Tiff<'_> {
         self.array(at).map(u16::from_le_bytes)
     }
 
-    /// Reads the number at byte offset `at`; `None` beyond the data. A number of 2^30 or more also gives `None`, so
-    /// that sums of offsets cannot overflow.
+    /// Reads the number at byte offset `at`; `None` beyond the data, or from 2^30 on: sums of offsets cannot overflow.
     fn u32(&self, at: u32) -> Option<u32> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }
 
-    /// Returns the byte offset of the entry of `tag` in the directory at byte offset `folder`; `None` if there is no
-    /// entry.
+    /// Returns the byte offset of the entry of `tag` in the directory at byte offset `folder`; `None` without an entry.
     fn tag(&self, folder: u32, tag: u16) -> Option<u32> {
         let entries = 0..u32::from(self.u16(folder)?);
         entries.map(|i| folder + 2 + 12 * i).find(|&entry| self.u16(entry) == Some(tag))

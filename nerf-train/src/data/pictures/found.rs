@@ -24,8 +24,7 @@ pub(crate) struct Found {
 }
 
 impl Found {
-    /// Counts a loaded picture and its notes. `file`: the file that states the poses. Returns false if the mask hides
-    /// all pixels.
+    /// Counts a loaded picture and its notes. `file` states the poses. Returns false if the mask hides all pixels.
     pub(crate) fn count(&mut self, file: &Path, loaded: &Loaded) -> bool {
         let Loaded { view, alpha, larger, notes } = loaded;
         self.pictures += 1;

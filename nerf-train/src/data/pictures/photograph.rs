@@ -18,9 +18,8 @@ pub struct Photo {
 }
 
 impl Photo {
-    /// Reads a picture of any bit depth and channel count, and turns it upright as its EXIF tag says. Transparent
-    /// pixels are composited over `background` (display-encoded). Width and height are multiplied by `scale`, which is
-    /// above 0 and at most 1.
+    /// Reads a picture of any bit depth and channel count, turned upright as its EXIF tag says, composited over
+    /// `background` (display-encoded). Width and height are multiplied by `scale`, which is above 0 and at most 1.
     pub fn read(file: &Path, background: [f32; 3], scale: f64) -> anyhow::Result<Self> {
         if !(scale > 0.0 && scale <= 1.0) {
             bail!("--scale: expected a number above 0 and at most 1, found {scale}");

@@ -43,9 +43,8 @@ impl std::str::FromStr for Downscale {
     }
 }
 
-/// Returns the index of the first source pixel that a target pixel overlaps, and the fraction overlapped of each source
-/// pixel from the first on. `index`: index of the target pixel. `count`, `length`: number of target and source pixels
-/// along the side.
+/// Returns the index of the first source pixel that target pixel `index` overlaps, and the fraction overlapped of each
+/// source pixel from it on. `count`, `length`: number of target and source pixels along the side.
 fn covered(index: u32, count: u32, length: u32) -> (usize, Vec<f32>) {
     let (from, to) = span(index, count, length);
     let first = from.floor() as usize;
@@ -98,9 +97,8 @@ pub(crate) fn shrunk(image: DynamicImage, width: u32, height: u32) -> Picture {
     Picture { width, height, pixels, alpha }
 }
 
-/// Adds a source row to the sums of a target row. Each sum holds red, green and blue, all times alpha, and the alpha.
-/// `columns`: result of [`covered`] for each target column. `part`: fraction of the source row that the target row
-/// covers.
+/// Adds a source row to the sums of a target row: red, green and blue, all times alpha, and alpha. `columns`: result of
+/// [`covered`] for each target column. `part`: fraction of the source row that the target row covers.
 fn add_row(sums: &mut [[f32; 4]], row: &[u8], channels: usize, columns: &[(usize, Vec<f32>)], part: f32) {
     for (sum, (first, shares)) in sums.iter_mut().zip(columns) {
         for (pixel, share) in row[first * channels..].chunks_exact(channels).zip(shares) {

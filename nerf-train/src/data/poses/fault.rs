@@ -7,8 +7,7 @@ use std::fmt;
 
 /// Minimum fraction of photographs that have poses. Below it, a reconstruction is torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// Minimum number of photographs with which a smaller reconstruction makes the largest one torn. Only photographs that
-/// the largest one lacks are counted.
+/// Minimum number of photographs that a smaller reconstruction has and a torn largest one lacks.
 const OTHERS: usize = 3;
 
 /// Fault of a reconstruction: missing photographs, or photographs with wrong poses.
@@ -17,8 +16,7 @@ const OTHERS: usize = 3;
 pub enum Fault {
     /// The reconstruction lacks photographs: they have no pose, or have one in a smaller reconstruction only.
     Torn {
-        /// Names of photographs that the largest reconstruction lacks, one list for each smaller reconstruction. Lists
-        /// of fewer than three names are left out.
+        /// Names of photographs that the largest reconstruction lacks: a list of at least three for each smaller one.
         others: Vec<Vec<String>>,
     },
     /// Two sides of the scene look alike, and photographs of the two sides have poses on one side.
@@ -29,8 +27,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Finds the fault of `model`, if any. `photographs`: number of photographs given to COLMAP. `folded`: groups of
-    /// photographs if the reconstruction is folded.
+    /// Finds the fault of `model`, if any. `photographs`: number given to COLMAP. `folded`: groups, if it is folded.
     pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
         if let Some(groups) = folded {
             return Some(Self::Folded { groups });

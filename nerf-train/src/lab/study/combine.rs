@@ -1,5 +1,4 @@
-//! Combinations of several knobs, which are settings that trade accuracy for time. The combinations worth rendering are
-//! predicted from measurements of single knobs.
+//! Combinations of several knobs that are worth rendering, predicted from measurements of single knobs.
 
 use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};
@@ -55,8 +54,7 @@ fn turned(base: &Settings, choices: &[Choices], settings: &Settings) -> usize {
 mod tests {
     use super::*;
 
-    /// Returns choices of the knob `name`. `set`: writes a value of the knob into settings. `rows`: value, loss in dB,
-    /// cost.
+    /// Returns choices of the knob `name`. `set`: writes a value into settings. `rows`: value, loss in dB, cost.
     fn choices(name: &str, set: fn(&mut Settings, f32), rows: &[(f32, f64, f64)]) -> Choices {
         let knob = KNOBS.iter().position(|knob| knob.name == name).expect("a knob");
         let row = |&(value, loss_db, cost): &(f32, f64, f64)| {

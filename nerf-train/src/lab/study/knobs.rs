@@ -5,11 +5,9 @@ use crate::measure::point::{MATHS, Precision, Settings};
 use nerf_core::blob::MAX_SAMPLES;
 use nerf_core::{Isa, Kernel, Storage};
 
-/// A setting that trades accuracy for time.
 pub struct Knob {
     pub name: &'static str,
-    /// Whether points of a blob's Pareto front store this setting. If false, all of these points use the setting's base
-    /// value.
+    /// Whether points of a blob's Pareto front store this setting. If false, all of them use its base value.
     pub in_blob: bool,
     /// Whether values of this knob are also tried in combination with values of other knobs.
     pub combines: bool,

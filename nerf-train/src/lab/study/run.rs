@@ -1,5 +1,4 @@
-//! Passes of a study. A pass renders points (choices of settings) on views. Times are measured on a few of the views,
-//! the timing views, which every pass renders.
+//! Passes of a study. A pass renders points (choices of settings) on views. Times are measured on the timing views.
 //!
 //! ```text
 //! pass 1   every view:      exact, base, each knob on its own        slow settings on the timing views only
@@ -11,8 +10,7 @@
 //! the blob. If the blob has no grid, only the timing views are rendered.
 //!
 //! A pass renders all points on one view before the next view, so that a machine that slows down slows all points.
-//! After pass 1, the order of the points changes from view to view. Errors come from a point's first rendering of a
-//! view, times from all renderings of the timing views.
+//! After pass 1, their order changes from view to view. Errors come from a point's first rendering of a view.
 
 use super::combine::{Choices, combinations};
 use super::front::{Price, cheapest_within, pareto, thin};
@@ -35,8 +33,7 @@ pub const BLOB_LOSS_DB: f64 = 3.0;
 /// Loss of PSNR against the exact rendering, dB, up to which a point of a blob's Pareto front must not march in longer
 /// steps than training did. The reason is that the loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Maximum number of combinations of all knobs. The same maximum applies to combinations of only the knobs that a blob
-/// stores.
+/// Maximum number of combinations of all knobs; also of those of only the knobs that a blob stores.
 const COMBINATIONS: usize = 12;
 /// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;
@@ -226,8 +223,7 @@ impl<'a, 'b> Study<'a, 'b> {
         let settings: Vec<Settings> = which.iter().map(|&i| self.points[i].settings).collect();
         let mut order: Vec<(usize, usize)> = Vec::new();
         for view in 0..self.views.len() {
-            // A missing exact frame comes first. Otherwise the order rotates, so that the point rendered before another
-            // one changes.
+            // A missing exact frame comes first. Otherwise the order rotates, so that a point's predecessor changes.
             let turn = if view < self.exact.len() { pass + view } else { 0 };
             let turned = (0..which.len()).map(|i| which[(i + turn) % which.len()]);
             let wanted = turned.filter(|&i| self.wanted(&self.points[i], view, only_timing));
@@ -300,9 +296,8 @@ impl<'a, 'b> Study<'a, 'b> {
         pareto(&self.times())
     }
 
-    /// Returns two lists. The first holds the indices of the points on the blob's Pareto front of multiply-adds and
-    /// loss of PSNR, most expensive first. The second holds the price of every point; the cost is NaN for points that
-    /// cannot be on the front.
+    /// Returns the indices of the points on the blob's Pareto front of multiply-adds and loss of PSNR, most expensive
+    /// first, and the price of every point; the cost is NaN for points that cannot be on the front.
     ///
     /// The front has at most [`MAX_FRONT`] points. Each has settings that a blob can store, and loses at most
     /// `BLOB_LOSS_DB`. Points that lose at most `TRAINED_STEP_LOSS_DB` do not march in longer steps than training did.
@@ -334,8 +329,7 @@ impl<'a, 'b> Study<'a, 'b> {
         front.into_iter().map(point).collect()
     }
 
-    /// Returns the index of the fastest point that `keep` accepts and that loses at most `loss_db` dB against the exact
-    /// rendering; `None` if no point does.
+    /// Returns the index of the fastest point that `keep` accepts and that loses at most `loss_db` dB against exact.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

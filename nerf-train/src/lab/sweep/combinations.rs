@@ -28,8 +28,7 @@ pub enum Knob {
 }
 
 impl Knob {
-    /// Returns the command-line flag, the axis label in plots, and the name of the only encoding that has the setting.
-    /// The name is `None` if all encodings have the setting.
+    /// Returns the flag, the axis label in plots, and the name of the only encoding that has the setting, if not all.
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
             Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),
@@ -69,7 +68,6 @@ impl Point {
         values.iter().fold(Self::default(), |point, &(knob, value)| point.with(knob, value))
     }
 
-    /// Returns this point with `value` as the value of `knob`.
     #[must_use]
     pub fn with(mut self, knob: Knob, value: f64) -> Self {
         self.0[knob as usize] = Some(value);

@@ -21,8 +21,7 @@ pub struct Folder {
 }
 
 impl Folder {
-    /// Resumes the sweep in the folder `path`, or begins a new sweep in it. Fails if the folder holds a sweep with
-    /// other settings.
+    /// Resumes or begins the sweep in the folder `path`. Fails if the folder holds a sweep with other settings.
     pub fn open(path: &Path, header: Header) -> anyhow::Result<Self> {
         let file = path.join(FILE);
         if !file.exists() {
@@ -45,7 +44,6 @@ impl Folder {
         Ok(Self { path: path.into(), header })
     }
 
-    /// Fails unless `other` describes the same sweep.
     pub fn check_same(&self, other: &Header) -> anyhow::Result<()> {
         let tree = |header: &Header| serde_json::to_value(header).unwrap_or_default();
         match difference(&tree(other), &tree(&self.header)) {

@@ -126,8 +126,7 @@ impl Job<'_> {
     }
 }
 
-/// Returns a point with learning rate `rate` and the sizes of the network. The sizes are those of `grid`; without a
-/// grid, `levels`, `layers` and `width`.
+/// Returns a point with learning rate `rate` and the sizes of `grid` or, without a grid, the sizes of the network.
 fn base_point(grid: Option<&TableConfig>, (levels, layers, width): (u8, usize, usize), rate: f64) -> Point {
     let point = match grid {
         Some(grid) => Point::of(&[
@@ -205,8 +204,7 @@ fn blank(point: &Point, runner: &Runner<'_>, architecture: &Architecture) -> Rec
     }
 }
 
-/// Returns a run's status and note. `flat`: whether the run's PSNR is no better than `flat_psnr_db`, the PSNR of one
-/// flat colour.
+/// Returns a run's status and note. `flat`: whether its PSNR is no better than `flat_psnr_db`, that of one flat colour.
 fn judged(flat: bool, flat_psnr_db: f64) -> (Status, String) {
     match flat {
         true => (Status::Flat, format!("no better than one flat colour, which has {flat_psnr_db:.2} dB")),

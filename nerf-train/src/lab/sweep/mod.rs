@@ -3,9 +3,8 @@
 //! lists of values → their combinations → one run each, with a record in a file → table, plots, contact sheet
 //!
 //! A folder holds a sweep. The file `sweep.json` holds the data and settings that all runs share, and the folder `runs`
-//! holds a record and a picture of each finished run. A run that has a record is not repeated, whichever process made
-//! the record. Runs can be spread over machines ([`Shard`](super::Shard)), into one folder or into several that are
-//! merged later.
+//! holds a record and a picture of each finished run. A run that has a record is not repeated. Runs can be spread over
+//! machines ([`Shard`](super::Shard)), into one folder or into several that are merged later.
 
 mod combinations;
 mod folder;

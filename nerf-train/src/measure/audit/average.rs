@@ -52,8 +52,7 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
 /// Returns architecture and parameters without view dependence; `None` if colour does not depend on the direction.
 ///
 /// The encoded direction PE(d) is replaced by `mean`: the product of PE(d)'s weights and `mean` is added to the biases,
-/// in f64. Parameters are in the order of a scene file's weights. If all weights of PE(d) are 0, colours stay exactly
-/// the same.
+/// in f64. If all weights of PE(d) are 0, colours stay exactly the same.
 pub fn without_direction(
     architecture: &Architecture,
     parameters: &[f32],
@@ -91,8 +90,7 @@ pub fn flattened(
     without_direction(architecture, parameters, &mean)
 }
 
-/// Whether the layer's input contains the encoded direction. True for the first colour layer of a network whose colour
-/// depends on the direction.
+/// Whether the layer's input contains the encoded direction, as in the first colour layer if colour depends on it.
 fn takes_direction(layer: &Layer) -> bool {
     matches!(layer.role, Role::Colour(_) | Role::Rgb) && layer.extra > 0
 }

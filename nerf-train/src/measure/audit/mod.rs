@@ -85,8 +85,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Judges an effect that adds `gain_db` to PSNR and multiplies the number of multiply-adds by `relative_macs`. An
-    /// effect with a gain of NaN (not measured) is kept.
+    /// Judges an effect that adds `gain_db` to PSNR and multiplies the number of multiply-adds by `relative_macs`.
     pub fn of(gain_db: f64, relative_macs: f64, threshold_db: f64) -> Self {
         let spares = relative_macs < SPARED && gain_db > -threshold_db;
         // With a gain of NaN (not measured), the effect is kept.
@@ -129,8 +128,7 @@ pub struct AuditOptions {
 
 /// Renders each view with all effects, and again without each single effect. Returns every effect's gain and cost.
 /// `rays`: views over whose rays the encoded direction is averaged, to leave out view dependence. `each`: function
-/// called after every frame, with the number of frames rendered and the number of all frames. Fails if `views` is
-/// empty.
+/// called after every frame, with the numbers of rendered and of all frames. Fails if `views` is empty.
 pub fn audit(
     lab: &mut Variants<'_>,
     views: &[&View],
@@ -238,8 +236,7 @@ pub enum EffectSummary {
 }
 
 impl Summary {
-    /// Returns the summary of an audit. `split`: name of the split. `views`: number of views rendered. `background`:
-    /// background colour of the scene.
+    /// Returns the summary of an audit. `split`: its name. `views`: number of views. `background`: of the scene.
     pub fn of(
         audit: &Audit,
         threshold_db: f64,

@@ -55,8 +55,7 @@ pub struct Clocked {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     pub workspace: usize,
-    /// Bytes of memory for values that the renderer unpacks, because the kernel cannot read them directly from the
-    /// blob. All threads share this memory.
+    /// Bytes of memory, shared by all threads, for values that the kernel cannot read directly from the blob.
     pub prepared: usize,
     pub file: usize,
 }
@@ -87,7 +86,6 @@ impl<'b> Variants<'b> {
         self.variants[variant].has_occupancy
     }
 
-    /// Whether the blob has a proposal network for importance sampling.
     pub fn has_proposal(&self) -> bool {
         self.blob.proposal().is_some()
     }
@@ -129,8 +127,7 @@ impl<'b> Variants<'b> {
         Ok(Some(self.add(Variant { name, bytes, has_occupancy: true })))
     }
 
-    /// Adds a variant with int8 grid tables, and returns the variant's index; `None` unless the blob's tables are in
-    /// f16.
+    /// Adds a variant with int8 grid tables, and returns its index; `None` unless the blob's tables are in f16.
     pub fn add_int8(&mut self) -> anyhow::Result<Option<usize>> {
         let (Some(grid), Some(StoredTables::F16(_))) =
             (self.blob.architecture().position.grid(), self.blob.tables())

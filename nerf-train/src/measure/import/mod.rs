@@ -9,8 +9,7 @@
 //!   ─► blob                      checked on views
 //! ```
 //!
-//! `W` and `V` are widths of layers, PE is the sinusoidal encoding, `x` the position and `d` the direction; `h` is the
-//! output of the layer before.
+//! `W`, `V`: widths of layers; PE: sinusoidal encoding; `x`: position; `d`: direction; `h`: output of the layer before.
 //!
 //! | tensor | shape | becomes |
 //! | --- | --- | --- |
@@ -22,11 +21,9 @@
 //! | `rgb_linear.weight` | `[3, V]` | rgb |
 //! | `output_linear.weight` | `[4, W]` | without view directions: rgb, then sigma; replaces the four tensors above |
 //!
-//! A coarse network (`--coarse`) is read in the same way; its layers up to the densities become the scene's proposal
-//! network.
+//! A coarse network (`--coarse`) is read in the same way; its layers up to the densities become the proposal network.
 //!
-//! Each weight comes with a `.bias`, which has one value per row of the weight. A prefix of the names, such as
-//! `module.` or `network_fine.`, is ignored.
+//! Each weight comes with a `.bias`, one value per row. A prefix of the names, such as `module.`, is ignored.
 //!
 //! # Source
 //! The names and the order of columns are those of github.com/yenchenlin/nerf-pytorch (`run_nerf_helpers.py`),
@@ -85,8 +82,7 @@ pub struct Request<'a> {
 pub struct Views {
     pub name: String,
     pub views: Vec<View>,
-    /// Training views; validation views if there are no training views. To leave out view dependence, the encoded
-    /// direction is averaged over the rays of these views.
+    /// Training views, else validation views, over whose rays the encoded direction is averaged.
     pub rays: Vec<View>,
 }
 
@@ -94,8 +90,7 @@ pub enum Occupancy {
     /// The occupancy grid that the network was trained with.
     Given {
         cells: OccupiedCells,
-        /// Whether the user states that the grid is not part of the model. The grid is then never required for
-        /// rendering.
+        /// Whether the user states that the grid is not part of the model, and thus never required for rendering.
         optional: bool,
     },
     Build,
@@ -282,9 +277,8 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// Measures by how many dB PSNR falls if the encoded direction is replaced by its mean. This is the gain of view
-    /// dependence. Removes view dependence if the gain is too small. If colour does not depend on the direction, or if
-    /// [`Check::is_suspicious`] is true, measures nothing and returns `None`.
+    /// Measures the gain of view dependence: by how many dB PSNR falls if the encoded direction is replaced by its
+    /// mean. Removes it if the gain is too small. Does nothing without it, or if [`Check::is_suspicious`] is true.
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();
         let check = self.check.as_ref().filter(|check| !check.is_suspicious());

@@ -12,12 +12,10 @@ use nerf_core::network::{
 use std::collections::BTreeSet;
 use std::iter::once;
 
-/// Encoding of the direction, and widths of the colour network's hidden layers. The encoding is `None` if colour does
-/// not depend on the direction.
+/// Encoding of the direction (`None`: colour does not depend on it), and widths of the hidden colour layers.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
-/// Imported network, with layers and channels in this project's order. The linear feature layer is still separate from
-/// the layer after it.
+/// Imported network in this project's order of layers and channels, with a separate linear feature layer.
 #[derive(Clone, Debug)]
 pub struct Imported {
     pub model: Model,
@@ -178,16 +176,14 @@ impl<'t> Reader<'t> {
         }
     }
 
-    /// Reads the layer named `layer`. Its weight must have `inputs` columns, and `outputs` must contain its number of
-    /// rows.
+    /// Reads the layer named `layer`, whose weight must have `inputs` columns and one of `outputs` as number of rows.
     fn exactly(&mut self, layer: &str, outputs: &[usize], inputs: usize) -> anyhow::Result<Linear<'t>> {
         let rows = outputs.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ");
         let expected = format!("[{rows}, {inputs}]");
         self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
     }
 
-    /// Reads the layer named `layer`. `fits(rows, columns)`: whether the weight's shape is right; `expected`: the right
-    /// shape, for the error.
+    /// Reads the layer named `layer`. `fits(rows, columns)`: whether its shape is right; `expected`: for the error.
     fn linear(
         &mut self,
         layer: &str,
@@ -264,8 +260,7 @@ impl<'t> Reader<'t> {
         Ok((encoding, settings.order.columns(&encoding, identity)))
     }
 
-    /// Appends the weights of `rows`, with columns in the order of `columns`, and then the biases of `rows` to the
-    /// parameters.
+    /// Appends the weights of `rows`, with columns in the order of `columns`, and then their biases to the parameters.
     fn put(&mut self, layer: Linear<'_>, rows: std::ops::Range<usize>, columns: &[usize]) {
         for row in rows.clone() {
             let row = &layer.weight[row * layer.inputs..][..layer.inputs];
@@ -274,8 +269,7 @@ impl<'t> Reader<'t> {
         self.parameters.extend_from_slice(&layer.bias[rows]);
     }
 
-    /// Appends row `row` of `layer` as density head, with columns in the order of `columns`. Adapts the bias
-    /// to the model's density activation.
+    /// Appends row `row` of `layer` as density head, with this order of columns and the bias of the model's activation.
     fn put_density(&mut self, layer: Linear<'_>, row: usize, columns: &[usize]) {
         self.put(layer, row..row + 1, columns);
         if self.settings.density == RawDensity::Softplus

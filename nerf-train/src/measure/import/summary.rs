@@ -65,7 +65,6 @@ struct CheckSummary {
 }
 
 impl<'i> Summary<'i> {
-    /// Returns the summary of an import that was exported to the file `output`.
     pub fn of(import: &'i Import<'_>, exported: &Exported, output: &Path) -> Self {
         let (tensors, s) = (import.request.tensors, import.request.settings);
         let a = &import.network.model.architecture;

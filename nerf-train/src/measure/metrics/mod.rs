@@ -13,8 +13,7 @@ const C1: f64 = 0.01 * 0.01;
 /// Constant (K2 L)² of SSIM, with K2 = 0.03 and L = 1. It keeps the structure term finite in flat areas.
 const C2: f64 = 0.03 * 0.03;
 
-/// Returns the mean squared error over all pixels and channels of `a` and `b`, each `[n]`. NaN if the lengths differ,
-/// if there is nothing to compare, or if an input is NaN.
+/// Returns the mean squared error of `a` and `b`, `[n]`. NaN if the lengths differ or are 0, or if an input is NaN.
 pub fn mse(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     if a.len() != b.len() || a.is_empty() {
         return f64::NAN;
@@ -39,8 +38,7 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     psnr_db_of_mse(mse(a, b))
 }
 
-/// Returns the PSNR in dB with aligned exposure: each channel of `shown` is first multiplied by the gain that brings it
-/// nearest to `truth` (least squares), and clamped to 1.
+/// Returns the PSNR, dB, after each channel of `shown` is multiplied by its least-squares gain and clamped to 1.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {
@@ -100,9 +98,8 @@ pub fn ssim(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize) -> f64 
     ssim_of(a, b, width, height, None)
 }
 
-/// Returns [`ssim`] of the marked pixels. `counts`, `[width * height]`: whether each pixel is marked; `None` if all
-/// are. Unmarked pixels are taken as equal in the two pictures. The mean is over the windows whose middle pixel is
-/// marked; NaN if there are none.
+/// Returns [`ssim`] of the marked pixels. `counts`, `[width * height]`: whether each pixel is marked; `None`: all are.
+/// Unmarked pixels are taken as equal. The mean is over windows whose middle pixel is marked; NaN if there are none.
 pub fn ssim_of(a: &[[f32; 3]], b: &[[f32; 3]], width: usize, height: usize, counts: Option<&[bool]>) -> f64 {
     let pixels = width.checked_mul(height).unwrap_or(0);
     let differ = |length: usize| length != pixels;

@@ -9,8 +9,7 @@ pub(super) const SAMPLES: usize = 512;
 /// Number of rays at which a chunk is full even with few samples: rays without samples take time, too.
 const RAYS: usize = 2048;
 
-/// Number of consecutive rays that form a line. The smoothness loss acts on lines ([`Batch::lines`]). Chunks hold whole
-/// lines.
+/// Number of consecutive rays of a line. The smoothness loss acts on lines ([`Batch::lines`]). Chunks hold whole lines.
 pub const LINE: usize = 4;
 
 /// Entry of a ray in a batch: direction, target colour, background and number of samples.
@@ -27,8 +26,7 @@ pub struct BatchRay {
 /// Known surface of a ray, for depth supervision.
 ///
 /// The depth loss of the ray is `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)`. `w_i`: compositing
-/// weight of sample `i`; `along_i`: entry of sample `i` in [`Batch::along`]; `T_end`: transmittance after the last
-/// sample.
+/// weight of sample `i`; `along_i`: its entry in [`Batch::along`]; `T_end`: transmittance at the end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Position of the surface along the ray: 0 at the near end of the sampled interval, 1 at its far end.
@@ -52,8 +50,7 @@ pub struct RayQuestion {
     pub blur: f32,
 }
 
-/// Gradient of the loss with respect to a ray's origin and direction, for constant distances of the samples from the
-/// origin.
+/// Gradient of the loss with respect to a ray's origin and direction, for constant distances of the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RayGradient {
     pub ray: u32,
@@ -63,9 +60,7 @@ pub struct RayGradient {
     pub by_dir: Vec3,
 }
 
-/// Input of a training step: rays, and the samples of these rays in occupied cells. The samples are in the order of the
-/// rays and, on each ray, front to back.
-///
+/// Input of a training step: rays, and their samples in occupied cells, in the order of the rays, front to back.
 /// For a 2D field, each ray has one opaque sample. The sample's first two coordinates are its position in the image.
 #[derive(Clone, Debug, PartialEq, Default)]
 pub struct Batch {
@@ -104,8 +99,7 @@ pub struct Batch {
     /// Index of each line's first ray, a multiple of [`LINE`]; ascending. A line is [`LINE`] consecutive rays through
     /// equally spaced pixels on a row or column of a photograph.
     pub lines: Vec<u32>,
-    /// Weight of the smoothness loss on `lines`, and the contraction of the world into the space of `positions`.
-    /// `None`: no smoothness loss.
+    /// Weight of the smoothness loss on `lines`, and contraction into the space of `positions`. `None`: no such loss.
     pub smoothness: Option<(f32, Contraction)>,
 }
 
@@ -129,8 +123,7 @@ impl Batch {
         self.smoothness = None;
     }
 
-    /// Checks that the lengths of all lists match, all numbers are finite, no length in `deltas` is negative, and
-    /// `lines` has the documented form.
+    /// Checks that all lengths match, numbers are finite, `deltas` not negative, and `lines` in the documented form.
     pub fn check(&self) -> Result<(), BatchError> {
         let claimed: u64 = self.rays.iter().map(|ray| u64::from(ray.samples)).sum();
         let scales =
@@ -224,9 +217,8 @@ pub(super) enum Chunk {
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with parts of the batch of about equal size, in the order of the batch. The number of chunks is even
-/// if possible, so that two threads finish together. A chunk with `most` samples gets no further rays, except to
-/// complete a line ([`Batch::lines`]).
+/// Fills `chunks` with parts of the batch of about equal size, in order. Their number is even if possible, so that two
+/// threads finish together. A chunk with `most` samples gets no further rays, except to complete a line.
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

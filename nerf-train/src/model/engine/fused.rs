@@ -1,8 +1,7 @@
 //! The fast engine of sinusoidal networks: explicit forward and backward passes on the matrix product kernel.
 //!
-//! The result of a step is bit-identical for any number of threads: chunk `i` of the batch is added to accumulator
-//! `i mod 16`, each accumulator adds its chunks in order, and the accumulators are summed in order. Threads decide only
-//! when and where an accumulator runs.
+//! The result of a step is bit-identical for any number of threads: chunk `i` of the batch goes to accumulator
+//! `i mod 16`, each accumulator adds its chunks in order, and the accumulators are summed in order.
 
 use super::accumulate::reduce;
 use super::batch::{Chunk, SAMPLES, cut};
@@ -18,7 +17,6 @@ use std::borrow::Cow;
 const ACCUMULATORS: usize = 16;
 
 /// Engine that trains a network with sinusoidal encodings by explicit forward and backward passes.
-///
 /// Memory: five values per parameter and, for each accumulator, one gradient and the activations of one chunk.
 pub struct FusedEngine {
     graph: Graph,

@@ -63,8 +63,7 @@ impl Graph {
     }
 }
 
-/// Iterates over blocks of [`BLOCK`] samples. An item is a block's index and the number of the block's lanes to
-/// compute, a multiple of [`VECTOR`].
+/// Returns for each block of [`BLOCK`] samples its index and its number of lanes to compute, a multiple of [`VECTOR`].
 pub(super) fn blocks(samples: usize) -> impl Iterator<Item = (usize, usize)> {
     let lanes = move |block: usize| padded((samples - block * BLOCK).min(BLOCK));
     (0..samples.div_ceil(BLOCK)).map(move |block| (block, lanes(block)))
@@ -80,8 +79,7 @@ pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &
 }
 
 impl Node {
-    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`. `parameters`: parameters of all layers; `slots`:
-    /// activation buffers, including the buffers of the layer's inputs.
+    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`, from all `parameters` and its inputs in `slots`.
     pub(super) fn forward(
         &self,
         isa: Isa,
@@ -137,8 +135,7 @@ impl Node {
     }
 }
 
-/// Does a ReLU's backward pass from its output `y`: sets `dy` to 0 where `y` is 0. Shape of `dy` and `y`:
-/// `[blocks][channels][BLOCK]`.
+/// Does a ReLU's backward pass: sets `dy` to 0 where the output `y` is 0. Shape of both: `[blocks][channels][BLOCK]`.
 pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usize) {
     let length = samples.div_ceil(BLOCK) * channels * BLOCK;
     for (dy, &y) in dy[..length].iter_mut().zip(&y[..length]) {
@@ -146,8 +143,7 @@ pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usi
     }
 }
 
-/// Encodes the first `encoding.inputs` coordinates of up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`. Lanes
-/// without a point encode the origin.
+/// Encodes the first `encoding.inputs` coordinates of up to [`BLOCK`] points, else the origin, into `[outputs][BLOCK]`.
 pub(super) fn encode_points<'a>(
     isa: Isa,
     encoding: &SinusoidalEncoding,

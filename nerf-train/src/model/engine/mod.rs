@@ -2,9 +2,8 @@
 //!
 //! `Batch` → encode → network → volume rendering → loss → gradients → Adam → parameters
 //!
-//! [`ReferenceEngine`] and, for grids, [`GridReferenceEngine`] differentiate by dfdx's tape: slow, but simple oracles
-//! (`fit --engine dfdx`). [`FusedEngine`] and [`GridEngine`] have explicit backward passes on
-//! `nerf_core::matrix::gemm`. All engines minimise
+//! [`ReferenceEngine`] and, for grids, [`GridReferenceEngine`] differentiate by dfdx's tape: slow, simple oracles.
+//! [`FusedEngine`] and [`GridEngine`] have explicit backward passes on `nerf_core::matrix::gemm`. All engines minimise
 //!
 //! `loss = mean over rays and channels of (C − rgb)² + empty_weight · mean over empty points of ln(1 + sigma)`
 //!
@@ -14,8 +13,7 @@
 //!
 //! # One step, by the tape
 //!
-//! The example trains a small field by complete steps in dfdx. The engines add viewing directions, the skipping of
-//! empty space, and checkpoints.
+//! The example trains a small field in dfdx. The engines add viewing directions, occupancy grids and checkpoints.
 //!
 //! ```
 //! use dfdx::optim::{Adam, AdamConfig};
@@ -99,8 +97,7 @@ use nerf_core::space::SceneBox;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Upper limit of sigma, per world unit, in training of networks without a grid: opaque at any scene scale, and finite
-/// in every product.
+/// Upper limit of sigma, per world unit, in training without a grid: opaque at any scene scale, finite in all products.
 pub const SIGMA_LIMIT: f32 = 1e6;
 
 /// Absolute value of a gradient at which training has diverged: the gradient's square, which Adam uses, could overflow.
@@ -118,10 +115,8 @@ pub enum EngineKind {
 }
 
 /// Creates an engine of this kind that trains `model`. `bounds`: the box that the model's grid spans, if it has one.
-///
-/// # Errors
-/// [`EngineError::Model`] for an invalid model, [`EngineError::NotPlain`] for a model with a grid that the engines for
-/// grids cannot train, [`EngineError::NoDensity`] if [`EngineKind::Dfdx`] is to train a 2D field with a grid.
+/// Fails with [`EngineError::Model`] for an invalid model, with [`EngineError::NotPlain`] for a grid that grid engines
+/// cannot train, with [`EngineError::NoDensity`] for a 2D field with a grid in [`EngineKind::Dfdx`].
 pub fn engine_for(
     kind: EngineKind,
     model: &Model,
@@ -149,17 +144,12 @@ pub fn engine_for(
 /// Engine that trains a [`Model`] on batches of rays.
 pub trait Engine: Send {
     /// Runs forward pass, backward pass and one Adam step at learning rate `rate`; returns the loss before the step.
-    ///
-    /// # Errors
-    /// [`EngineError::Batch`] and [`EngineError::Rate`] for wrong input, [`EngineError::Diverged`]
-    /// if the loss or a gradient is not finite. Parameters, moments and step count are then as before the call.
+    /// Fails without a change: [`EngineError::Batch`] and [`EngineError::Rate`] for wrong input,
+    /// [`EngineError::Diverged`] if the loss or a gradient is not finite.
     fn step(&mut self, batch: &Batch, rate: f64) -> Result<StepLoss, EngineError>;
 
-    /// Does [`Engine::step`], and calls `prefetch` with the loss to prepare the next batch. If the engine supports it,
-    /// the call runs at the same time as the update of the parameters.
-    ///
-    /// # Errors
-    /// The errors of [`Engine::step`]; `prefetch` is then not called.
+    /// Does [`Engine::step`], and calls `prefetch` with the loss to prepare the next batch, unless the step fails. If
+    /// the engine supports it, the call runs at the same time as the update of the parameters.
     fn step_with_prefetch(
         &mut self,
         batch: &Batch,
@@ -183,8 +173,7 @@ pub trait Engine: Send {
         &[]
     }
 
-    /// Returns the last batch's gradient with respect to each photograph's log gain; 0 for a photograph without rays.
-    /// `views`: number of photographs.
+    /// Returns the last batch's gradient with respect to each of `views` photographs' log gain; 0 for one without rays.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
@@ -199,8 +188,7 @@ pub trait Engine: Send {
         Box::new(std::iter::empty())
     }
 
-    /// Returns index and error of each ray whose photograph is known: the ray's index in the last batch, and rendered
-    /// minus photographed colour.
+    /// Returns index in the last batch, and rendered minus photographed colour, of each ray of a known photograph.
     fn errors(&self) -> Box<dyn Iterator<Item = &(u32, [f32; 3])> + '_> {
         Box::new(std::iter::empty())
     }
@@ -221,11 +209,8 @@ pub trait Engine: Send {
     /// Returns the state for a checkpoint. A run resumed from it is bit-identical to a run that never stopped.
     fn state(&self) -> OptimiserState;
 
-    /// Resumes from the state of a checkpoint.
-    ///
-    /// # Errors
-    /// [`EngineError::Parameters`] if the state is of a model of another size, [`EngineError::NonFinite`] if a value is
-    /// not finite or has the wrong sign, [`EngineError::Steps`] for too many steps. The engine is then unchanged.
+    /// Resumes from the state of a checkpoint. Fails without a change: [`EngineError::Parameters`],
+    /// [`EngineError::Steps`], or [`EngineError::NonFinite`] for a value that is not finite or has the wrong sign.
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError>;
 }
 

@@ -183,9 +183,7 @@ impl Model {
 
     /// Returns the exported network's parameters in the order of [`Model::architecture`], then the tables' values.
     /// The feature layer is multiplied into the layer after it (in f64), and `density_scale` into the density head.
-    ///
-    /// # Panics
-    /// If the length of `parameters` is not [`Model::parameters`].
+    /// Panics if the length of `parameters` is not [`Model::parameters`].
     pub fn fold<'p>(&self, parameters: Cow<'p, [f32]>) -> Cow<'p, [f32]> {
         assert_eq!(parameters.len(), self.parameters(), "parameters of another model");
         if !self.feature && self.density_scale == 1.0 {

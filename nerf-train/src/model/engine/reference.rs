@@ -37,8 +37,7 @@ impl ReferenceEngine {
         Ok(Self { graph, device: Cpu::default(), optimiser })
     }
 
-    /// Returns sigma, 1/world unit, and colour at each of `positions`. `dirs`: viewing direction at each position. In a
-    /// 2D field, the list of sigmas is empty.
+    /// Returns sigma, 1/world unit (empty for a 2D field), and colour at `positions`, seen along `dirs`.
     pub fn forward(
         &self,
         positions: &[[f32; 3]],

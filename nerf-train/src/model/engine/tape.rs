@@ -53,8 +53,7 @@ impl Weights {
         Ok(y.try_add(self.bias.retaped::<T>().try_broadcast_like::<_, Axis<0>>(&shape)?)?)
     }
 
-    /// Adds the gradient of layer `d`, taken from `found`, to the layer's range of `out`. `out`: gradient of the loss
-    /// with respect to the parameters of all layers.
+    /// Adds the gradient of layer `d`, taken from `found`, to its range of `out`, the gradient of all parameters.
     pub(super) fn collect(
         &self,
         d: &Dense,
@@ -78,8 +77,7 @@ pub(super) fn add(to: &mut [f32], values: &[f32]) {
     to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
 }
 
-/// Arrangement of a list of samples as a matrix, `[rays][longest]`. Each ray has one row, padded to the number of
-/// samples of the longest ray. The list holds the samples ray after ray.
+/// Arrangement of samples, ray after ray, as a matrix, `[rays][longest]`, with each ray's row padded to the longest.
 pub(super) struct Rows {
     device: Cpu,
     shape: (usize, usize),
@@ -114,8 +112,7 @@ impl Rows {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
 
-    /// Returns `Σ_i weight_i value_i` over the samples of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0
-    /// after a ray's last sample; `values`: `[samples][channels]`.
+    /// Returns `Σ_i weight_i value_i` of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0 after the last.
     pub(super) fn sums(
         &self,
         weights: Matrix<Taped>,
@@ -146,8 +143,7 @@ impl Rows {
     }
 }
 
-/// Composites colours over `background`, `[rays][3]`. `shown`: Σ weight · colour of each ray, `[rays][3]`;
-/// `transmittance`: transmittance at the end of each ray.
+/// Composites over `background`, `[rays][3]`. `shown`: Σ weight · colour, `[rays][3]`; `transmittance`: at a ray's end.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,
@@ -162,13 +158,9 @@ pub(super) fn alpha(tau: Matrix<Taped>) -> Result<Matrix<Taped>, EngineError> {
     Ok(tau.try_negate()?.try_exp()?.try_negate()?.try_add(1.0)?)
 }
 
-/// Returns `scale · Σ (pixels − target)²`, computed in f32.
-pub(super) fn squared_error(
-    pixels: Matrix<Taped>,
-    target: Matrix,
-    scale: f32,
-) -> Result<Scalar, EngineError> {
-    let squares = pixels.try_sub(target)?.try_square()?;
+/// Returns `scale · Σ (shown − target)²`, computed in f32.
+pub(super) fn squared_error(shown: Matrix<Taped>, target: Matrix, scale: f32) -> Result<Scalar, EngineError> {
+    let squares = shown.try_sub(target)?.try_square()?;
     Ok(squares.try_sum::<Rank0, Axes2<0, 1>>()?.try_mul(scale)?)
 }
 

@@ -23,7 +23,6 @@ pub(crate) const NO_FRAMES: &str = "cannot make the animation: it has no frames"
 const LONGEST_DELAY: f64 = 65_535.0;
 
 /// Writer of an endlessly looping GIF, frame by frame. The file appears only when [`finish`](Self::finish) succeeds.
-///
 /// Buffers at most two frames per thread.
 pub struct GifWriter {
     encoder: Encoder<AtomicFile>,

@@ -55,8 +55,7 @@ fn count(rgb: &[u8]) -> Vec<Counted> {
     pixels.chunk_by(|a, b| a == b).map(|same| (same[0], same.len() as u32)).collect()
 }
 
-/// Set of colours. `axis`: channel with the largest sum of squared deviations from its mean; `mean`: mean of this
-/// channel; `error`: sum of squared deviations in this channel.
+/// Set of colours. `axis`: channel with the largest `error`, the sum of squared deviations from its `mean`.
 struct Set {
     colours: Vec<Counted>,
     error: f64,
@@ -98,8 +97,7 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     sets.into_iter().map(|set| set.colours).collect()
 }
 
-/// Returns a set's palette entry. If one colour has over half of the set's pixels, the entry is this colour, so that
-/// flat backgrounds stay exact. Otherwise, the entry is the mean.
+/// Returns a set's palette entry: a colour of over half of the set's pixels, for flat backgrounds, or else the mean.
 fn representative(set: &[Counted]) -> [u8; 3] {
     let total: u64 = set.iter().map(|c| u64::from(c.1)).sum();
     if let Some(main) = set.iter().find(|c| 2 * u64::from(c.1) > total) {

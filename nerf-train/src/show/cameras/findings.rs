@@ -23,9 +23,8 @@ pub struct Findings {
     pub(super) pair: Vec<(String, Thumbnail)>,
 }
 
-/// Creates the scene of all photographs of a data set, with cameras coloured by the diagnosis. The held-out views of
-/// `dataset` are moved to its training views, which are then sorted by name. `range`: near and far planes, world units;
-/// `None`: derived from the data.
+/// Creates the scene of all photographs, with cameras coloured by the diagnosis. The held-out views of `dataset` join
+/// its training views, which are sorted by name. `range`: near and far planes, world units; `None`: from the data.
 pub fn checked(
     dataset: &mut Dataset,
     diagnosis: &Diagnosis,

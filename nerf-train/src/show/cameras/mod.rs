@@ -1,7 +1,6 @@
 //! 3D view of one training step: cameras with frusta and pictures, rays and their samples.
 //!
-//! The code that fills training batches also chooses the rays and samples of a [`Scene`]. An interactive [`page`] shows
-//! the scene.
+//! The code that fills training batches also chooses the rays and samples of a [`Scene`], which a [`page`] shows.
 
 mod findings;
 pub mod page;

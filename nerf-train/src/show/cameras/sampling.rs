@@ -40,8 +40,7 @@ impl ShownRay {
 pub struct StepFacts {
     pub step: u32,
     pub seed: u64,
-    /// Number of bins from near to far, each with one sample. If `marched` is true, this is the largest number of
-    /// samples of a ray instead.
+    /// Number of bins from near to far, each with one sample; if `marched`, the largest number of samples of a ray.
     pub bins: u16,
     pub marched: bool,
     /// Number of rays of the training step. The shown rays are the first rays of the step.
@@ -60,8 +59,7 @@ pub(super) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// Returns the first `count` rays of a step on `views`, and facts such as the step's numbers of rays, bins and
-    /// samples. `first`: index in the scene of the first view's camera.
+    /// Returns the first `count` rays of a step on `views`, and facts. `first`: index in the scene of the first camera.
     ///
     /// `whole`: whether the step has as many rays as in training. If false, the step has only `count` rays.
     pub(super) fn draw(
@@ -116,9 +114,8 @@ impl Drawer<'_> {
         Ok((shown.collect(), facts))
     }
 
-    /// Returns the step's batch of `rays` rays. The samples are in the occupied cells of `cells`; if `cells` is `None`,
-    /// they are in the whole scene box. `most`: number of samples at which the batch ends, or 0 for no limit; ignored
-    /// if rays are marched.
+    /// Returns the step's batch of `rays` rays. The samples are in the occupied cells of `cells`; if `None`, in the
+    /// whole scene box. `most`: number of samples at which the batch ends (0: no limit); ignored if rays are marched.
     fn batch(&self, bank: &RayBank<'_>, rays: usize, most: usize, cells: Option<&Occupancy>) -> Batch {
         let (mut batch, step) = (Batch::default(), u64::from(self.step));
         if !self.is_marched() {

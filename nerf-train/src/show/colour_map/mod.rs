@@ -3,6 +3,7 @@
 use super::axis;
 use super::text::{self, Direction};
 use crate::data::pictures::rgb::{Picture, check_length};
+use anyhow::Result;
 
 /// Colour of pixels without a value: a light grey that occurs in none of the maps.
 pub const EMPTY: [f32; 3] = [0.86; 3];
@@ -61,9 +62,8 @@ impl ColourMap {
 
 /// Returns the range for colouring `values`: their 1st to 99th percentile over pixels of `opacity` > 0.5.
 ///
-/// `values` (any unit), `opacity`: `[n]`. Values that are not finite are ignored; `None` if no value remains. If both
-/// percentiles are the same value v, as for a flat wall, the range is v ± 0.5 % of v. If v is 0, the range is −0.5 to
-/// 0.5.
+/// `values` (any unit), `opacity`: `[n]`. Values that are not finite are ignored; `None` if none remains. If both
+/// percentiles are v, as for a flat wall, the range is v ± 0.5 % of v; −0.5 to 0.5 if v is 0.
 pub fn robust_range(values: &[f32], opacity: &[f32]) -> Option<(f32, f32)> {
     let solid = |&(value, opacity): &(&f32, &f32)| value.is_finite() && *opacity > SOLID;
     let mut kept: Vec<f32> = values.iter().zip(opacity).filter(solid).map(|(&value, _)| value).collect();
@@ -86,8 +86,7 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// Returns the range of a distance picture's colours: `range` if it is given and finite, otherwise [`robust_range`]. If
-/// no pixel has a value, the range is 0 to 1.
+/// Returns the range of a picture's colours: a finite `range`, otherwise [`robust_range`] or, without values, 0 to 1.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),
@@ -106,7 +105,7 @@ pub fn depth_picture_with_legend(
     (width, height): (usize, usize),
     range: Option<(f32, f32)>,
     title: &str,
-) -> anyhow::Result<Picture> {
+) -> Result<Picture> {
     let range = settle_range(values, opacity, range);
     let picture = depth_picture(values, opacity, (width, height), range)?;
     Ok(with_legend(&picture, ColourMap::Viridis, range, title))
@@ -117,7 +116,7 @@ fn depth_picture(
     opacity: &[f32],
     (width, height): (usize, usize),
     (low, high): (f32, f32),
-) -> anyhow::Result<Picture> {
+) -> Result<Picture> {
     check_length("the distances of a picture", width, height, values.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
     let colour = |(&value, &opacity): (&f32, &f32)| {
@@ -133,14 +132,8 @@ fn depth_picture(
 
 /// Draws normals: a unit normal (x, y, z) gets red (x + 1) / 2, green (y + 1) / 2 and blue (z + 1) / 2.
 ///
-/// `normals` (unit length, world axes), `opacity`: `[height * width]`. Pixels of opacity ≤ 0.5, or whose normal is 0,
-/// are [`EMPTY`].
-pub fn normal_picture(
-    normals: &[[f32; 3]],
-    opacity: &[f32],
-    width: usize,
-    height: usize,
-) -> anyhow::Result<Picture> {
+/// `normals` (unit length, world axes), `opacity`: `[height * width]`. [`EMPTY`]: opacity ≤ 0.5, or a normal of 0.
+pub fn normal_picture(normals: &[[f32; 3]], opacity: &[f32], width: usize, height: usize) -> Result<Picture> {
     check_length("the normals of a picture", width, height, normals.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;
     let colour = |(&normal, &opacity): (&[f32; 3], &f32)| {

@@ -17,8 +17,7 @@ pub struct Field<'a, 'b> {
 }
 
 impl<'a, 'b> Field<'a, 'b> {
-    /// Creates the field of a renderer's scene. `plan`: decides the precision, and whether densities are 0 in the empty
-    /// cells of an occupancy grid.
+    /// Creates the field of a renderer's scene. `plan`: decides the precision, and whether empty cells have density 0.
     pub fn new(renderer: &'a Renderer<'b>, plan: &'a Plan<'a>) -> Self {
         Self { renderer, plan }
     }
@@ -74,9 +73,8 @@ impl<'a, 'b> Field<'a, 'b> {
     }
 }
 
-/// Finds the distance along a ray at which the optical depth reaches ln 2, which is opacity 1/2. Returns `None` if the
-/// whole ray's optical depth is less. `sigma`: density in each bin of the ray; `delta`: width of a bin, in the unit of
-/// the distance.
+/// Finds the distance along a ray at which the optical depth reaches ln 2, which is opacity 1/2; `None` if it does not.
+/// `sigma`: density in each bin of the ray; `delta`: width of a bin, in the unit of the distance.
 fn crossing(sigma: &[f32], delta: f32) -> Option<f32> {
     let mut depth = 0.0;
     for (i, sigma) in sigma.iter().enumerate() {

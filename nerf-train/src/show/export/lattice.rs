@@ -6,8 +6,7 @@ use glam::Vec3;
 use half::f16;
 use nerf_core::space::SceneBox;
 
-/// Lattice of cubes over a box, and one more layer of cubes around the box. The layer closes surfaces that reach the
-/// box's sides.
+/// Lattice of cubes over a box, with one more layer around it, which closes surfaces that reach the box's sides.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lattice {
     /// Position of the lattice's lower corner, world units.

@@ -10,9 +10,8 @@ pub(super) const NONE: u32 = u32::MAX;
 const EDGES: [(usize, usize); 12] =
     [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)];
 
-/// Surface net, built slice by slice. Each cube that the surface crosses has a vertex: the mean of the points where the
-/// surface crosses the cube's edges. At each crossed edge of the lattice, two triangles join the vertices of the four
-/// cubes around it.
+/// Surface net, built slice by slice. Each cube that the surface crosses has a vertex: the mean of the crossings of its
+/// edges. At each crossed edge, two triangles join the vertices of the four cubes around it.
 ///
 /// # Source
 /// Gibson 1998, "Constrained elastic surface nets".
@@ -41,9 +40,8 @@ impl<'l> Net<'l> {
         }
     }
 
-    /// Adds slice `z`; slices must be added in ascending order from 0. `above`: levels at the slice's corners. First
-    /// makes vertices in the cubes below the slice. Then makes the faces of each crossed edge whose four cubes now have
-    /// vertices.
+    /// Adds slice `z`, in ascending order from 0. `above`: levels at the slice's corners. Makes vertices in the cubes
+    /// below the slice, and then the faces of each crossed edge whose four cubes now have vertices.
     pub(super) fn slice(&mut self, z: usize, above: Vec<f16>) -> anyhow::Result<()> {
         if z > 0 {
             self.layers.swap(0, 1);

@@ -17,10 +17,9 @@ const PILOT: f64 = 1024.0;
 /// Opacity above which a pixel shows a surface.
 const OPAQUE: f32 = 0.5;
 
-/// Returns a point cloud of about `count` points. The points are at the median distances of the views' rays, and have
-/// the colours of the rays. Points outside of the box `within` are left out. `plan` must output colours, opacity,
-/// median distances and normals. The callback `each` gets the number of finished views. Fails if no pixel shows a
-/// surface within the box.
+/// Returns a point cloud of about `count` points: at the median distances of the views' rays, with the rays' colours,
+/// within the box `within`. `plan` must output colours, opacity, median distances and normals. `each` gets the number
+/// of finished views. Fails if no pixel shows a surface within the box.
 pub fn points_of_views(
     renderer: &Renderer<'_>,
     plan: &Plan<'_>,

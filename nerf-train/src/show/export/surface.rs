@@ -42,10 +42,9 @@ pub enum Surface {
 /// Extracts the surface of a field as a mesh. Each vertex has the colour seen from outside, along its inward normal.
 ///
 /// The mesh is a surface net, of densities or of optical depths, with smoothed normals. For a visible surface, a vertex
-/// is left out if the opacity along the vertex's inward ray stays below 1/2. If the opacity crosses 1/2 far behind a
-/// vertex, the vertex moves inward, to about two cells in front of the crossing: closer vertices would make triangles
-/// intersect. The callback `each` gets the number of finished slices, summed over three passes of the lattice. Fails if
-/// the box holds no surface.
+/// is left out if the opacity along its inward ray stays below 1/2. If the opacity crosses 1/2 far behind a vertex, the
+/// vertex moves to about two cells in front of the crossing: closer vertices would make triangles intersect. `each`
+/// gets the number of finished slices, summed over three passes. Fails if the box holds no surface.
 pub fn mesh(
     field: &Field<'_, '_>,
     lattice: &Lattice,
@@ -90,8 +89,7 @@ pub fn mesh(
     }
 }
 
-/// Makes the surface net of `surface`. `cells`: [`Lattice::cell_depths`] of each slice. The callback `each` gets the
-/// number of finished slices.
+/// Makes the net of `surface`. `cells`: [`Lattice::cell_depths`] of slices. `each` gets the number of finished slices.
 fn net<'l>(
     lattice: &'l Lattice,
     cells: Vec<Vec<f16>>,
@@ -143,8 +141,7 @@ struct Place {
     surface: Vec3,
 }
 
-/// Moves vertices towards the surface, as in [`mesh`]. Returns the new position of each vertex; `None` for a vertex
-/// that is left out.
+/// Moves vertices towards the surface, as in [`mesh`], and returns their positions; `None` for one that is left out.
 fn settled(
     field: &Field<'_, '_>,
     cell: f32,

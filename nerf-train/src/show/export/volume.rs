@@ -4,7 +4,7 @@ use super::field::Field;
 use super::lattice::cubes;
 use crate::data::pictures::rgb::to_u8;
 use crate::system::output::write_atomic;
-use anyhow::Context;
+use anyhow::{Context, Result};
 use glam::Vec3;
 use nerf_core::space::SceneBox;
 use std::io::{Cursor, Write};
@@ -15,8 +15,7 @@ use zip::write::FileOptions;
 /// Densities and colours at the centres of cells.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Volume {
-    /// Lower corner of the first cell, world units. The coordinates are those of the scene file; the caller adds the
-    /// origin.
+    /// Lower corner of the first cell, world units, in the scene file's coordinates; the caller adds the origin.
     pub min: [f64; 3],
     /// Side of a cell, world units.
     pub cell: f32,
@@ -35,7 +34,7 @@ pub fn volume(
     bounds: &SceneBox,
     resolution: u32,
     mut each: impl FnMut(usize),
-) -> anyhow::Result<Volume> {
+) -> Result<Volume> {
     let (cell, cells) = cubes(bounds, resolution)?;
     let [width, height, depth] = cells;
     let mut volume = Volume {
@@ -64,10 +63,7 @@ pub fn volume(
     Ok(volume)
 }
 
-fn mean_colours(
-    field: &Field<'_, '_>,
-    points: impl Iterator<Item = [f32; 3]>,
-) -> anyhow::Result<Vec<[f32; 3]>> {
+fn mean_colours(field: &Field<'_, '_>, points: impl Iterator<Item = [f32; 3]>) -> Result<Vec<[f32; 3]>> {
     let points: Vec<[f32; 3]> = points.collect();
     let mut sums = vec![Vec3::ZERO; points.len()];
     for axis in Vec3::AXES.into_iter().flat_map(|axis| [axis, -axis]) {
@@ -79,7 +75,7 @@ fn mean_colours(
 
 /// Writes an archive for numpy's `np.load`: `density` (float32 `[x, y, z]`), `rgb` (uint8 `[x, y, z, 3]`), `min`
 /// (float64 `[3]`) and `cell` (float64).
-pub fn write_npz(volume: &Volume, path: &Path) -> anyhow::Result<()> {
+pub fn write_npz(volume: &Volume, path: &Path) -> Result<()> {
     // The archive is built in memory: on a full disk its writer would print to stderr.
     let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
     let failed = "cannot make the NPZ";

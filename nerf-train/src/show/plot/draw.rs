@@ -79,9 +79,8 @@ pub struct Label {
 /// Rectangle that a point or a label covers: left, top, right, bottom, pixels.
 type Taken = [i32; 4];
 
-/// Draws each label beside its point, if there is room. `labels`: text of each label, and pixel of its point in `root`;
-/// `area`: columns and rows that labels may cover. Labels avoid labelled points and each other. A thin line joins a
-/// label to a distant point.
+/// Draws each label beside its point, if there is room, and avoids labelled points and other labels. `labels`: text,
+/// and pixel of the point in `root`; `area`: columns and rows for labels. A thin line joins a label to a distant point.
 pub(super) fn draw_labels<DB: DrawingBackend>(
     root: &DrawingArea<DB, Shift>,
     area: &(Range<i32>, Range<i32>),

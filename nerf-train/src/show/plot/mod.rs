@@ -92,7 +92,6 @@ pub struct LinePlot {
 }
 
 impl LinePlot {
-    /// Creates a plot without series, with linear axes.
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
         let (title, x_label, y_label): (String, String, String) =
             (title.into(), x_label.into(), y_label.into());
@@ -101,7 +100,6 @@ impl LinePlot {
         Self { title, x_label, y_label, ..Self::default() }
     }
 
-    /// Returns the plot as a picture of 1100 × 720 pixels.
     pub fn to_picture(&self) -> anyhow::Result<Picture> {
         let mut bytes = vec![0; 3 * WIDTH * HEIGHT];
         self.draw(BitMapBackend::with_buffer(&mut bytes, SIZE).into_drawing_area())?;
@@ -109,7 +107,6 @@ impl LinePlot {
         Picture::new(WIDTH, HEIGHT, rgb.collect())
     }
 
-    /// Returns the plot as the text of an SVG file of 1100 × 720 pixels.
     pub fn to_svg(&self) -> anyhow::Result<String> {
         let mut svg = String::new();
         self.draw(SVGBackend::with_string(&mut svg, SIZE).into_drawing_area())?;
@@ -131,8 +128,7 @@ impl LinePlot {
         Ok(paths)
     }
 
-    /// Returns whether the axes can show the point: no coordinate exceeds `LARGEST` in magnitude and, on a logarithmic
-    /// axis, x ≥ `1 / LARGEST`.
+    /// Whether the axes can show the point: |x|, |y| ≤ `LARGEST` and, on a logarithmic axis, x ≥ `1 / LARGEST`.
     fn has_place(&self, (x, y): (f64, f64)) -> bool {
         x.abs() <= LARGEST && y.abs() <= LARGEST && (!self.log_x || x >= 1.0 / LARGEST)
     }
@@ -242,9 +238,8 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the notes at the bottom. `left_out`: number of points that the plot leaves out; if it is above 0, a
-    /// further note states it. `top`: first row of pixels below the title. Returns the row of pixels at which the space
-    /// for the chart ends.
+    /// Draws the notes at the bottom, with a further one on `left_out` points if above 0. `top`: first row of pixels
+    /// below the title. Returns the row of pixels at which the space for the chart ends.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -350,9 +345,8 @@ fn extent(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Returns the range and the ticks of a logarithmic axis. The range contains all values; without values, it contains 1
-/// and 10. The ticks are 1, 2 and 5 times the powers of ten. If these are more than [`TICKS`], the ticks are every n-th
-/// power of ten.
+/// Returns the range and the ticks of a logarithmic axis. The range contains all values or, without values, 1 and 10.
+/// The ticks are 1, 2 and 5 times powers of ten; if these are more than [`TICKS`], every n-th power of ten.
 fn decades(values: impl Iterator<Item = f64>) -> (Range<f64>, Vec<f64>) {
     let (low, high) = ends(values).unwrap_or((1.0, 10.0));
     let exponents = low.log10().floor() as i32..=high.log10().floor() as i32 + 1;

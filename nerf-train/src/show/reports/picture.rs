@@ -10,8 +10,7 @@ use crate::system::summary;
 use crate::train::CurvePoint;
 use std::path::{Path, PathBuf};
 
-/// Writes all files of the report into `folder`. `snapshots`: steps of the snapshots, whose pictures are read from
-/// `folder/snapshots`.
+/// Writes all files of the report into `folder`. `snapshots`: steps whose pictures are read from `folder/snapshots`.
 pub fn write(
     folder: &Path,
     photo: &Photo,

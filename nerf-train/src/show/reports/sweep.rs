@@ -13,8 +13,7 @@ use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Largest number of curves in a plot; more could not be told apart. A plot of more curves shows one or two curves that
-/// combine all runs.
+/// Largest number of curves in a plot that can be told apart. Beyond it, one or two curves combine all runs.
 const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the contact sheet, pixels.
 const THUMBNAIL: usize = 256;
@@ -207,7 +206,6 @@ fn knob_plot(folder: &Folder, records: &[Record], knob: Knob) -> LinePlot {
     plot
 }
 
-/// Returns a scatter plot of the runs: PSNR over training time.
 fn time_plot(folder: &Folder, records: &[Record]) -> LinePlot {
     let title = format!("{}: PSNR over training time", folder.header.data);
     let mut plot = LinePlot::new(title, "training time, s", measured(folder.header.kind));
@@ -261,7 +259,6 @@ fn sheet(folder: &Folder, records: &[Record]) -> Option<Picture> {
     (!cells.is_empty()).then(|| contact_sheet(&folder.header.data, &cells, columns))
 }
 
-/// Machine-readable results of a sweep.
 #[derive(Debug, Serialize)]
 pub struct Summary<'r> {
     pub report: String,
@@ -269,7 +266,6 @@ pub struct Summary<'r> {
 }
 
 impl<'r> Summary<'r> {
-    /// Returns the summary of the runs of a sweep, whose report is at `report`.
     pub fn of(records: &'r [Record], report: &Path) -> Self {
         Self { report: report.display().to_string(), runs: records.iter().map(RunSummary).collect() }
     }

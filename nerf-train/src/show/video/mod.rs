@@ -84,7 +84,6 @@ impl Ffmpeg {
 }
 
 /// Writer of an MP4, frame by frame. The file appears only when [`finish`](Self::finish) succeeds.
-///
 /// If the writer is dropped before `finish`, ffmpeg is killed and no file remains.
 #[derive(Debug)]
 pub struct Mp4Writer {

@@ -31,7 +31,6 @@ pub struct ClaimError {
 /// Treatment of an output file that exists already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
-    /// The output replaces the file.
     Replace,
     /// The output replaces the file if this program made the file; otherwise the output is refused.
     ReplaceOwn,
@@ -162,9 +161,6 @@ impl Claims {
     }
 
     /// Calls [`check`](Self::check), then creates the folders of all outputs and tests that files can be written there.
-    ///
-    /// # Errors
-    /// [`ClaimError`]; nothing is created if `check` refuses an output.
     pub fn settle(&self) -> Result<(), ClaimError> {
         self.check()?;
         let mut tried = BTreeSet::new();

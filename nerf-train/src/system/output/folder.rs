@@ -18,10 +18,8 @@ pub struct AtomicFolder {
 }
 
 impl AtomicFolder {
-    /// Creates the hidden folder in the parent of `path`; creates the parent, too, if it is missing.
-    ///
-    /// # Errors
-    /// [`Attempt::CreateFolder`] if `path` exists and is not an empty folder. Errors of [`ensure_folder`].
+    /// Creates the hidden folder in the parent of `path`; creates the parent, too, if it is missing. Fails with
+    /// [`Attempt::CreateFolder`] if `path` exists and is not an empty folder.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
         let path = path.as_ref();
         let fail = |source| OutputError::new(Attempt::CreateFolder, path, source);
@@ -39,10 +37,8 @@ impl AtomicFolder {
         self.temporary.path()
     }
 
-    /// Renames the folder to its final name.
-    ///
-    /// # Errors
-    /// [`Attempt::Rename`] if something of that name was created meanwhile; the hidden folder is then removed.
+    /// Renames the folder to its final name. Fails if something of that name was created meanwhile
+    /// ([`Attempt::Rename`]); the hidden folder is then removed.
     pub fn commit(self) -> Result<(), OutputError> {
         let fail = |source| OutputError::new(Attempt::Rename, &self.target, source);
         check_free(&self.target).map_err(fail)?;

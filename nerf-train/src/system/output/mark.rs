@@ -1,7 +1,6 @@
 //! Mark that this program writes into its images and videos, to recognise its own files later.
 //!
-//! A PNG holds the mark as a comment (tEXt), a GIF in a comment extension, an MP4 in its metadata, an EXR in its
-//! attribute `comments`.
+//! A PNG has the mark as a comment (tEXt), a GIF in a comment extension, an MP4 as metadata, an EXR as `comments`.
 
 use std::fs::File;
 use std::io::Read;

@@ -31,9 +31,7 @@ pub enum Attempt {
     ProbeFolder,
     /// Creating the temporary file next to the final name, or opening a device.
     Create,
-    /// Writing or flushing bytes to the disk.
     Write,
-    /// Renaming the finished file to its final name.
     Rename,
 }
 
@@ -91,10 +89,8 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Opens a temporary file in the folder of `path`; the folder must exist.
-    ///
-    /// # Errors
-    /// [`Attempt::Create`] if `path` is a folder, or its folder is missing or not writable.
+    /// Opens a temporary file in the folder of `path`. Fails with [`Attempt::Create`] if `path` is a folder, or its
+    /// folder is missing or not writable.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, OutputError> {
         let path = path.as_ref();
         let fail = |source| OutputError::new(Attempt::Create, path, source);
@@ -127,12 +123,10 @@ impl AtomicFile {
         Ok(Self { sink, path: path.to_owned(), target, failed: false })
     }
 
-    /// Flushes the file, syncs it to the disk and renames it to its final name.
-    ///
-    /// # Errors
-    /// [`Attempt::Write`] if bytes did not reach the disk, now or in an earlier write whose error the caller ignored.
-    /// [`Attempt::Rename`] if the name could not be replaced, or if the disk is too full to sync the rename. An error
-    /// before the rename leaves the earlier file intact and removes the temporary file.
+    /// Flushes the file, syncs it to the disk and renames it to its final name. Fails with [`Attempt::Write`] if bytes
+    /// did not reach the disk, now or in an earlier write whose error the caller ignored; with [`Attempt::Rename`] if
+    /// the name could not be replaced, or if the disk is too full to sync the rename. An error before the rename leaves
+    /// the earlier file intact and removes the temporary file.
     pub fn commit(self) -> Result<(), OutputError> {
         let Self { sink, path, target, failed } = self;
         let cannot_write = |source| OutputError::new(Attempt::Write, &path, source);
@@ -211,9 +205,8 @@ pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputEr
 
 /// Writes `bytes` to `path`, whole, unless a file of that name exists. Returns whether the file was written.
 ///
-/// If several processes call this with one name, exactly one gets true. Some file systems have neither hard links nor a
-/// rename that refuses to replace a file. On such a file system the file is written as by [`write_atomic`], and more
-/// than one process may get true.
+/// If several processes call this with one name, exactly one gets true; more than one where the file system has neither
+/// hard links nor a rename that refuses to replace a file, and the file is written as by [`write_atomic`].
 pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
     let path = path.as_ref();
     let fail = |attempt| move |source| OutputError::new(attempt, path, source);
@@ -237,9 +230,6 @@ fn cannot_link(kind: io::ErrorKind) -> bool {
 }
 
 /// Creates the folder with its parents, and tests that files can be written there. Call this before long work.
-///
-/// # Errors
-/// [`Attempt::CreateFolder`] or [`Attempt::ProbeFolder`].
 pub fn ensure_folder(path: impl AsRef<Path>) -> Result<(), OutputError> {
     let path = path.as_ref();
     let folder = if path.as_os_str().is_empty() { Path::new(".") } else { path };

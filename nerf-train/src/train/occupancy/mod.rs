@@ -17,8 +17,7 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// Least fraction of candidate cells that an update must leave occupied; else the update is not applied. A field that
-/// has lost all density must not empty the grid.
+/// Least occupied fraction of candidate cells after an update, which a field without density must not empty.
 const SMALLEST_SHARE: f64 = 0.02;
 /// Divisor that gives the least number of views that must see a cell of the visual hull: the number of views that see
 /// the most visible cell, divided by this. The limit excludes space behind the scene, which few cameras see.
@@ -88,9 +87,7 @@ impl OccupiedCells {
     }
 
     /// Creates a grid of `resolution` cells over `bounds`. `live`: index `(x ny + y) nz + z` of each occupied cell.
-    ///
-    /// # Panics
-    /// If a cell is outside of the occupancy grid.
+    /// Panics if a cell is outside of the grid.
     pub fn of(bounds: SceneBox, resolution: [u16; 3], live: impl IntoIterator<Item = u32>) -> Self {
         let (min, max) = (bounds.min.into(), bounds.max.into());
         let mut cells = Self { min, max, resolution, bits: vec![0; StoredOccupancy::bytes(resolution)] };
@@ -118,8 +115,7 @@ pub struct Occupancy {
 }
 
 impl Occupancy {
-    /// Returns the numbers of cells along x, y, z of a box with sides `extent`. `resolution`: number along the longest
-    /// side.
+    /// Returns the numbers of cells along x, y, z of a box with sides `extent`. `resolution`: along the longest side.
     pub fn sides(extent: Vec3, resolution: u16) -> [u16; 3] {
         let cell = extent.max_element() / f32::from(resolution);
         extent.to_array().map(|side| ((side / cell).round() as u16).clamp(1, resolution))
@@ -376,9 +372,8 @@ impl Occupancy {
         sigma
     }
 
-    /// Sets the occupancy of the candidates: occupied if the stored density is above `threshold` (1/world unit) or
-    /// unknown, else empty. Changes nothing if less than the fraction `smallest_share` of the candidates would be
-    /// occupied.
+    /// Sets the candidates' occupancy: occupied if the stored density is above `threshold` (1/world unit) or unknown.
+    /// Changes nothing if less than the fraction `smallest_share` of them would be occupied.
     fn apply(&mut self, threshold: f32, smallest_share: f64) {
         let live = |&density: &f32| density == UNKNOWN || density > threshold;
         let count = self.density.iter().filter(|density| live(density)).count();

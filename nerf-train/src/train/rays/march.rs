@@ -8,8 +8,7 @@ use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples whose cells are tested together.
 const GROUP: usize = 16;
-/// Constant for rounding, 2^23. In the sum of this constant and an f32 from 0 to 2^22, the lowest bits are the f32
-/// rounded to an integer.
+/// Constant for rounding, 2^23. Added to an f32 from 0 to 2^22, its lowest bits are this f32 rounded to an integer.
 const MAGIC: f32 = 8_388_608.0;
 
 /// Number of cells along each side of a block. The march skips empty blocks.
@@ -74,8 +73,7 @@ struct Lookup<'a> {
     bits: &'a [u8],
     resolution: [u32; 3],
     last: [f32; 3],
-    /// Origin of the ray in units of cells or blocks, minus one half. Rounding a point of the ray then gives the index
-    /// of its cell or block.
+    /// Origin of the ray in cells or blocks, minus one half: rounding a point gives the index of its cell or block.
     from: [f32; 3],
     along: [f32; 3],
 }
@@ -125,8 +123,7 @@ fn first_bits(count: u32) -> u32 {
 }
 
 /// Ray march in a bounded scene. Appends to `positions` the points of `ray` in occupied cells, at `t = first + i step`
-/// for `i < count`. All points must be inside the box. A point on the face between two cells may be assigned to either
-/// cell.
+/// for `i < count`, all inside the box. A point on a face may be in either cell.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,

@@ -24,8 +24,7 @@ const CHUNK: usize = 128;
 /// Number of rays that one task marches in an unbounded scene. Batches have fewer, longer rays than in a bounded scene.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// Divisor of a batch's number of rays in an unbounded scene. The quotient is the number of rays cast along lines of
-/// sight.
+/// Divisor of a batch's number of rays in an unbounded scene, for the number of rays along lines of sight.
 const SIGHT_SHARE: usize = 8;
 
 /// Pixels of all training views, from which batches are drawn, and the settings by which their rays are sampled.
@@ -57,8 +56,7 @@ struct Marched {
     samples: Samples,
     /// Surface that the depth loss expects, for each ray along a line of sight. Rays along lines of sight come first.
     surfaces: Vec<Surface>,
-    /// Position of each sample of the rays along lines of sight: 0 at the ray's near end, 1 at its far end, linear in
-    /// the position `s` of [`Contraction::distance`].
+    /// Position of each sample along lines of sight, 0 at near, 1 at far, linear in `s` of [`Contraction::distance`].
     along: Vec<f32>,
     views: Vec<u32>,
     /// Index of each ray's pixel in its view.
@@ -417,8 +415,7 @@ impl<'d> RayBank<'d> {
         (BatchRay { samples: positions.len() as u32, ..batch_ray }, positions)
     }
 
-    /// Returns the distance of the sample in bin `bin` of ray `index`, world units; never below the distance in an
-    /// earlier bin.
+    /// Returns the distance of the sample in `bin` of ray `index`, world units; never below that in an earlier bin.
     fn t(&self, step: u64, index: u64, bin: u32) -> f32 {
         let draw = || uniform(self.seed, Purpose::Jitter, step, (index << 12) + u64::from(bin));
         match self.sampling.jitter {
@@ -434,8 +431,7 @@ impl<'d> RayBank<'d> {
     }
 }
 
-/// Appends `rays` rays to `batch`, found by parallel calls of `march` for `chunk` rays each. Returns the summed time of
-/// the calls.
+/// Appends `rays` rays to `batch`, by parallel calls of `march` for `chunk` rays each. Returns the calls' total time.
 fn marched(
     batch: &mut Batch,
     rays: usize,

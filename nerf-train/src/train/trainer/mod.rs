@@ -45,9 +45,8 @@ pub(crate) const RESEEDS: u32 = 3;
 pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
-    /// Background colour, display-encoded: the data set's constant colour, if there is one; otherwise black. Exception:
-    /// in an unbounded scene of unknown background, the colour is the mean colour of the photographs. This mean colour
-    /// shows only in space that no photograph saw.
+    /// Background colour, display-encoded: the data set's constant colour, otherwise black. Exception: in an unbounded
+    /// scene of unknown background, the mean colour of the photographs, which shows only where no photograph saw.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
@@ -119,11 +118,8 @@ impl<'d> Trainer<'d> {
         })
     }
 
-    /// Resumes from a checkpoint of the same run.
-    ///
-    /// # Errors
-    /// [`TrainError::Engine`] if the checkpoint's parameters do not fit the network, [`TrainError::Parts`] if another
-    /// part does not fit; the run is then unchanged.
+    /// Resumes from a checkpoint of the same run. Fails, without a change, if the checkpoint's parameters do not fit
+    /// the network ([`TrainError::Engine`]), or another part does not fit ([`TrainError::Parts`]).
     pub fn restore(&mut self, checkpoint: Checkpoint) -> Result<(), TrainError> {
         self.check_parts(&checkpoint)?;
         self.engine.restore(&checkpoint.optimiser)?;
@@ -190,10 +186,7 @@ impl<'d> Trainer<'d> {
     }
 
     /// Returns the refined cameras of training and validation views; `None` if poses are not refined. The validation
-    /// views are refined here, with the field fixed.
-    ///
-    /// # Errors
-    /// [`TrainError::Engine`] if the field has no finite loss on the validation views.
+    /// views are refined here, with the field fixed. Fails if they have no finite loss ([`TrainError::Engine`]).
     pub fn refined_cameras(&mut self) -> Result<Option<RefinedCameras>, TrainError> {
         let (Some(poses), Some(contraction)) = (self.state.photographs.refined(), &self.bounds.contraction)
         else {
@@ -228,11 +221,8 @@ impl<'d> Trainer<'d> {
         self.bank.pixels()
     }
 
-    /// Does one training step. `share`: used fraction of the budget, which sets the learning rate.
-    ///
-    /// # Errors
-    /// [`TrainError::Engine`] if the step diverged; the run is then unchanged. [`TrainError::Dead`] if all densities
-    /// became 0 again after the last restart.
+    /// Does one training step. `share`: used fraction of the budget, which sets the learning rate. Fails if all
+    /// densities are 0 again after the last restart ([`TrainError::Dead`]) or, without a change, if the step diverges.
     pub fn step(&mut self, share: f64) -> Result<(), TrainError> {
         let step = self.state.progressed.step;
         self.draw(step.into(), share);
@@ -376,8 +366,7 @@ impl<'d> Trainer<'d> {
         self.config.occupancy.threshold / width
     }
 
-    /// Restarts with another seed because all densities became 0, as can happen with ReLU. Fails after [`RESEEDS`]
-    /// restarts.
+    /// Restarts with another seed because all densities became 0, as ReLU can. Fails after [`RESEEDS`] restarts.
     fn reseed(&mut self) -> Result<(), TrainError> {
         let restarts = self.state.progressed.reseeds + 1;
         if restarts > RESEEDS {
@@ -428,8 +417,7 @@ impl March {
     }
 }
 
-/// Returns the number of rays that give `margin` times the configured number of samples. `live_per_ray`: samples per
-/// ray; if 0 (unknown), returns the configured number of rays.
+/// Returns the number of rays for `margin` times the configured samples; the configured one if `live_per_ray` is 0.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -438,8 +426,7 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Returns the smoothed number of samples per ray after a batch of `rays` rays and `live` samples. `before`: the
-/// smoothed number before the batch; 0 at first.
+/// Returns the smoothed number of samples per ray after a batch of `rays` and `live` samples. `before`: 0 at first.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }

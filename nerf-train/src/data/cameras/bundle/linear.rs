@@ -4,17 +4,15 @@ use super::{Bundle, Device, Jacobian, Observation, POSE, SOFT_PIXELS};
 use crate::data::cameras::geometry::outer;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Block of the normal equations that couples one pose or device with one point. A block has a row per parameter of the
-/// pose or device, and a column per coordinate of the point. The last rows of a device's block are 0, because a device
-/// has fewer parameters than a pose.
+/// Block of the normal equations that couples one pose or device with one point: a row per parameter of the pose or
+/// device, a column per coordinate of the point. The last rows of a device's block are 0: it has fewer parameters.
 type Block = [DVec3; POSE];
 
 /// Derivatives of a residual with respect to the parameters of one pose or device. First comes the index of the first
 /// parameter among the unknowns of [`Reduced`], then the derivatives of the residual's x, then those of its y.
 type Rows = (usize, [[f64; POSE]; 2]);
 
-/// Normal equations of all poses and devices, with the points eliminated. `matrix` is `size` × `size`, row by row; only
-/// its lower triangle is used.
+/// Normal equations of poses and devices, points eliminated. `matrix`: `size` × `size`, row by row, lower triangle.
 pub(super) struct Reduced<'a> {
     bundle: &'a Bundle,
     matrix: Vec<f64>,
@@ -24,8 +22,7 @@ pub(super) struct Reduced<'a> {
 }
 
 struct Point {
-    /// For each pose and device that sees this point: index of its first parameter, and the [`Block`] that couples it
-    /// with this point.
+    /// For each pose and device that sees this point: index of its first parameter, and its [`Block`] with this point.
     blocks: Vec<(usize, Block)>,
     inverse: DMat3,
     right: DVec3,

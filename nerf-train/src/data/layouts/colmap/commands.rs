@@ -160,8 +160,7 @@ fn mapper(images: &Path, database: &Path, models: &Path) -> Stage {
     Stage { name: "mapper", options, optional: Vec::new() }
 }
 
-/// Makes the three commands for a user to run by hand. `images`: folder of photographs. `one_camera`: whether one
-/// camera took all photographs.
+/// Makes the three commands for a user to run by hand. `one_camera`: whether one camera took all photographs.
 pub(crate) fn by_hand(images: &Path, database: &Path, models: &Path, one_camera: bool) -> [Stage; 3] {
     [extraction(images, database, one_camera), matcher(database, false), mapper(images, database, models)]
 }

@@ -268,26 +268,20 @@ impl Points {
     }
 
     /// Adds a point, if any photograph sees it. `number`: `POINT3D_ID`. `error`: mean reprojection error, pixels.
-    /// `photographs`: number of photographs that see the point. Fails if `position` is not finite.
-    fn push(
-        &mut self,
-        number: u64,
-        position: [f64; 3],
-        error: f64,
-        photographs: u64,
-    ) -> Result<(), DatasetError> {
+    /// `track`: number of photographs that see the point. Fails if `position` is not finite.
+    fn push(&mut self, number: u64, position: [f64; 3], error: f64, track: u64) -> Result<(), DatasetError> {
         let point = (DVec3::from(position) - self.origin).as_vec3().to_array();
         if !point.iter().all(|v| v.is_finite()) {
             let place = format!("point number {}", self.seen + self.unseen);
             let found = format!("{position:?}");
             return Err(DatasetError::value(&self.file, place, "a finite position", found));
         }
-        if photographs == 0 {
+        if track == 0 {
             self.unseen += 1;
             return Ok(());
         }
         if self.seen.is_multiple_of(self.stride) {
-            let track = photographs.min(u64::from(u32::MAX)) as u32;
+            let track = track.min(u64::from(u32::MAX)) as u32;
             self.kept.push((number, SparsePoint { position: point, error: error as f32, track }));
         }
         self.seen += 1;

@@ -89,8 +89,7 @@ impl Lines {
         Ok(numbers)
     }
 
-    /// Checks `found`, the number of items read. The check fails if `found` is 0, or if a comment of the file states
-    /// another number.
+    /// Checks the number of items read: it must not be 0, nor contradict the number that a comment of the file states.
     fn check(&self, found: u64) -> Result<(), DatasetError> {
         match self.announced {
             Some(announced) if announced != found => {

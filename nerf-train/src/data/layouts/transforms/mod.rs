@@ -74,8 +74,7 @@ struct CameraFields {
 /// Values of `camera_model` that select polynomial distortion, or fisheye distortion if the field `is_fisheye` is true.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Maximum shift of the farthest corner, pixels, at which the k4 of a polynomial lens is ignored. A larger shift is an
-/// error.
+/// Maximum shift of the farthest corner, pixels, up to which the k4 of a polynomial lens is ignored, not refused.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {
@@ -201,9 +200,8 @@ impl Transforms {
 /// Maximum size, bytes, of a file that is searched for NaN and Infinity after a parse error.
 const MAX_EXPLAINED_BYTES: usize = 16 << 20;
 
-/// Makes the error that names the first frame and field with NaN or Infinity. Some programs write these values, but
-/// JSON lacks them. `None` if parsing failed for another reason, or if the file is too large to be searched. `bytes`:
-/// content of `file`. `error`: error of parsing `bytes`.
+/// Makes the error that names the first frame and field with NaN or Infinity, which some programs write. `None` if
+/// parsing `bytes`, the content of `file`, failed with `error` for another reason, or if it is too large to search.
 fn number_fault(file: &Path, bytes: &[u8], error: &serde_json::Error) -> Option<DatasetError> {
     // A larger file is no list of photographs, and its parsed form would take many times its size in memory.
     let text = std::str::from_utf8(bytes).ok().filter(|text| text.len() <= MAX_EXPLAINED_BYTES)?;

@@ -33,7 +33,6 @@ impl Picture {
         }
     }
 
-    /// Returns the colour at column `x`, row `y`; `None` outside of the picture.
     pub fn pixel(&self, x: usize, y: usize) -> Option<[f32; 3]> {
         (x < self.width).then(|| self.rgb.get(y.checked_mul(self.width)?.checked_add(x)?).copied())?
     }
@@ -94,8 +93,7 @@ impl Picture {
         self.box_filtered(self.width.div_ceil(factor), self.height.div_ceil(factor))
     }
 
-    /// Reduces the picture to `width` × `height` pixels. Each new pixel has the mean of the display-encoded colours of
-    /// the old pixels that it overlaps.
+    /// Reduces the picture to `width` × `height` pixels, each the mean of the display-encoded colours that it overlaps.
     pub fn box_filtered(&self, width: usize, height: usize) -> Self {
         let block =
             |i: usize, to: usize, from: usize| (i * from / to, ((i + 1) * from).div_ceil(to).min(from));

@@ -1,12 +1,10 @@
 //! Adam for values whose gradient is not 0, and the steps at which each level of the tables is updated.
 //!
 //! Adam takes as long for a small gradient as for a large one, and the hashed levels have most of a grid's entries. To
-//! save time, a hashed level is updated only at every `hashed_every`th step, by the sum of its gradients since the last
-//! update. Since Adam is invariant to the scale of gradients, the mean gradient would give the same step. Dense levels
-//! are updated at every step.
+//! save time, a hashed level is updated only at every `hashed_every`th step, by the sum of its gradients since then.
+//! Adam is invariant to the scale of gradients: the mean would give the same step. Dense levels take every step.
 //!
-//! Weight decay is decoupled (Loshchilov & Hutter 2019) and applies to the colour branch alone, which would otherwise
-//! overfit the directions of the photographs.
+//! Weight decay, decoupled (Loshchilov & Hutter 2019), is for the colour branch alone, which would overfit directions.
 
 use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
@@ -69,20 +67,14 @@ impl Op for Apply<'_> {
     }
 }
 
-/// Applies Adam to values whose gradient is not 0, sixteen at a time; `m`, `v`: first and second moments.
+/// Applies Adam to values whose gradient `g` is not 0, sixteen at a time; `m`, `v`: first and second moments.
 #[inline(always)]
-pub(super) fn move_values(
-    step: AdamStep,
-    gradient: &[f32],
-    values: &mut [f32],
-    m: &mut [f32],
-    v: &mut [f32],
-) {
-    let (gradient, last_gradient) = gradient.as_chunks::<16>();
+pub(super) fn move_values(step: AdamStep, g: &[f32], values: &mut [f32], m: &mut [f32], v: &mut [f32]) {
+    let (gradients, last_g) = g.as_chunks::<16>();
     let (values, last) = values.as_chunks_mut::<16>();
     let (m, last_m) = m.as_chunks_mut::<16>();
     let (v, last_v) = v.as_chunks_mut::<16>();
-    for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradient) {
+    for (((value, m), v), g) in values.iter_mut().zip(m).zip(v).zip(gradients) {
         // If all sixteen gradients are 0, values and moments are neither read nor written.
         if g.iter().fold(0, |any, g| any | g.to_bits() << 1) != 0 {
             for i in 0..16 {
@@ -90,7 +82,7 @@ pub(super) fn move_values(
             }
         }
     }
-    for (((value, m), v), g) in last.iter_mut().zip(last_m).zip(last_v).zip(last_gradient) {
+    for (((value, m), v), g) in last.iter_mut().zip(last_m).zip(last_v).zip(last_g) {
         moved(step, value, m, v, *g);
     }
 }
@@ -107,8 +99,7 @@ fn reciprocal_root(x: f32) -> f32 {
     y * (1.5 - half * y * y)
 }
 
-/// Applies Adam to a value and its moments `m`, `v` if the gradient `g` is not 0. Has no branch, so that a loop of
-/// calls can be vectorised.
+/// Applies Adam to a value and its moments `m`, `v` if the gradient `g` is not 0; without a branch, to be vectorised.
 #[inline(always)]
 fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     let new_m = step.beta1 * *m + (1.0 - step.beta1) * g;

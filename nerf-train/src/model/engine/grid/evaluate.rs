@@ -27,8 +27,7 @@ pub(super) struct RayState {
     pub transmittance: f32,
 }
 
-/// Evaluated samples of a chunk, one row per sample in every buffer. Rows are in order of evaluation: the first eight
-/// samples of every ray, then the next eight, and so on.
+/// Evaluated samples of a chunk, a row each, in order of evaluation: first eight of every ray, next eight, and so on.
 #[derive(Default)]
 pub(super) struct Evaluated {
     pub rays: Vec<RayState>,
@@ -121,8 +120,7 @@ impl Evaluated {
         }
     }
 
-    /// Resets the states of `rays`. `first`: index in the batch of the first ray's first sample. Returns the index
-    /// after the last ray's last sample.
+    /// Resets the states of `rays`, whose samples begin at index `first` of the batch. Returns the index after these.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();
@@ -175,21 +173,14 @@ impl Evaluated {
         phases.lap(Phase::Forward, now);
     }
 
-    fn wave(
-        &mut self,
-        job: &Job<'_>,
-        density: &Layer,
-        batch: &Batch,
-        rows: Range<usize>,
-        phases: &mut Phases,
-    ) {
+    fn wave(&mut self, job: &Job<'_>, head: &Layer, batch: &Batch, rows: Range<usize>, phases: &mut Phases) {
         self.trunk(job, batch, rows.clone(), phases);
         let now = Instant::now();
         let (count, stride) = (rows.len(), padded(rows.len()));
-        let across = padded(density.main.inputs);
+        let across = padded(head.main.inputs);
         let h = &self.hidden.last().unwrap_or(&self.encoded)[rows.start * across..];
         grow(&mut self.raw, stride * VECTOR);
-        density.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
+        head.main.forward(job.isa, count, h, across, &mut self.raw, Init::Zero, false);
         // Moves the first column of all rows to the buffer's beginning; each value is read before it is overwritten.
         for i in 0..count {
             self.raw[i] = self.raw[i * VECTOR];

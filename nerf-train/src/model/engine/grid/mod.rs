@@ -67,8 +67,7 @@ use std::sync::{Mutex, MutexGuard};
 const ACCUMULATORS: usize = 16;
 /// Largest number of rays of a chunk. All activations of their samples then fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Approximate smallest number of chunks of a batch, so that every thread has work. A small batch has fewer chunks, of
-/// `FEWEST_RAYS` rays each.
+/// Approximate least number of chunks, so that every thread has work; fewer, of `FEWEST_RAYS` rays, in a small batch.
 const FEWEST_CHUNKS: usize = 6;
 const FEWEST_RAYS: usize = 8;
 /// Number of rays of a chunk of a 2D field, whose rays have one sample.
@@ -86,8 +85,7 @@ pub struct GridEngine {
     layers: Layers,
     passes: Vec<Pass>,
     scratch: Vec<Mutex<Scratch>>,
-    /// Copy of the tables in f16. Training reads this copy: it needs half the memory traffic of f32, and has the values
-    /// of an f16 file.
+    /// Copy of the tables in f16, which training reads: half the memory traffic of f32, and the values of an f16 file.
     halves: Vec<u8>,
     level_scratch: Vec<Mutex<LevelScratch>>,
     /// For each level: gradient summed since the level's last update, or `None` if every step updates the level.
@@ -200,8 +198,7 @@ fn own<T>(scratch: &[Mutex<T>]) -> MutexGuard<'_, T> {
     lock(&scratch[rayon::current_thread_index().unwrap_or(0) % scratch.len()])
 }
 
-/// Returns the gradient with respect to each photograph's log gain, summed over the photograph's rays. `views`: number
-/// of photographs.
+/// Returns the gradient with respect to the log gain of each of `views` photographs, summed over its rays.
 fn gain_sums<'g>(gains: impl IntoIterator<Item = &'g (u32, [f32; 3])>, views: usize) -> Vec<[f32; 3]> {
     let mut sums = vec![[0.0f32; 3]; views];
     for (view, gradient) in gains {

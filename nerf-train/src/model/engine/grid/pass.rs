@@ -73,8 +73,7 @@ pub(super) struct Scratch {
     by_weight: Vec<f32>,
     /// Distance of each kept sample from the kept sample before it.
     gaps: Vec<f32>,
-    /// Gradient of the loss with respect to each kept sample's raw density, `[samples][VECTOR]`. Only the first column
-    /// is not 0.
+    /// Gradient of the loss with respect to each kept sample's raw density: the first column of `[samples][VECTOR]`.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -151,9 +150,8 @@ impl Scratch {
         }
     }
 
-    /// Returns the weighted sum of squared errors of `rays`. Sets `by_shown`, `by_transmittance` and `by_weight`. The
-    /// gradient in `by_weight` is of the distortion, smoothness and depth losses; `backward` adds the squared error's
-    /// gradient.
+    /// Returns the weighted sum of squared errors of `rays`. Sets `by_shown`, `by_transmittance` and `by_weight`:
+    /// there, of the distortion, smoothness and depth losses; `backward` adds the squared error's gradient.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         let read = (&self.evaluated, &self.samples);

@@ -81,8 +81,7 @@ impl RayScratch {
 /// dL/dw_i = 2 Σ_j w_j |s_i − s_j|
 /// ```
 ///
-/// All slices are `[samples]`, front to back. `weights`: weight of each sample. `gaps`: distance of each sample from
-/// the sample before it; for the first sample, any finite number.
+/// All slices are `[samples]`, front to back. `gaps`: distance from the sample before; any finite number for the first.
 ///
 /// # Source
 /// Barron et al. 2022 (mip-NeRF 360), section 4. Deviation: no term 1/3 Σ w_i² δ_i, since the batch fixes widths δ_i.

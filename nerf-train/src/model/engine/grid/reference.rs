@@ -1,9 +1,8 @@
 //! The reference engine of grid fields: table entries are gathered from a dfdx tensor, and dfdx's tape differentiates.
 //!
 //! This engine computes the loss and gradients of [`GridEngine`](super::GridEngine) with the simplest code. The samples
-//! that get gradients are chosen without a tape; the transmittance through all other samples is a constant.
-//! Differences: the density of every sample is evaluated, also behind the end of a ray, and pixels clipped at white are
-//! treated like all other pixels.
+//! that get gradients are chosen without a tape; the transmittance through all others is a constant. Differences: the
+//! densities behind the end of a ray are evaluated, and pixels clipped at white are like all others.
 
 mod forward;
 mod terms;
@@ -61,11 +60,8 @@ struct Rendered {
 }
 
 impl GridReferenceEngine {
-    /// Creates an engine with the initial values of `seed`; `bounds`: the box that the grid spans.
-    ///
-    /// # Errors
-    /// [`EngineError::Model`] for an invalid model, [`EngineError::NoGrid`] for a model without a grid,
-    /// [`EngineError::NotPlain`] for a model that no grid engine can train, [`EngineError::NoDensity`] for a 2D field.
+    /// Creates an engine with the initial values of `seed`; `bounds`: the box that the grid spans. Fails as
+    /// [`engine_for`](super::super::engine_for), and with [`EngineError::NoGrid`] without a grid.
     pub fn new(model: &Model, bounds: SceneBox, adam: Adam, seed: u64) -> Result<Self, EngineError> {
         let grid = check_plain(model)?;
         if model.architecture.density.is_none() {
@@ -153,8 +149,7 @@ impl GridReferenceEngine {
         let sigma = with_gradient_scaled(forward::density(network, &h)?, scales.clone())?;
         let tau = rows.of(sigma)?.try_mul(rows.constants(|i| batch.deltas[kept.samples[i]])?)?;
 
-        // Russian roulette: the inverse probability multiplies the weight of a sample, and the gradient of its effect
-        // on the transmittance behind it.
+        // Russian roulette: the inverse probability multiplies a sample's weight and the gradient of its transmittance.
         let inverse = || rows.constants(|i| kept.inverse[i]);
         let (front, transmittance) =
             rows.transmittance(with_gradient_scaled(tau.with_empty_tape(), inverse()?)?)?;
@@ -258,8 +253,7 @@ impl GridReferenceEngine {
         Ok(())
     }
 
-    /// Does update number `step` of dfdx's Adam on the parameters in `range` whose gradient is not 0, and on their
-    /// moments.
+    /// Does step number `step` of dfdx's Adam on the parameters in `range` whose gradient is not 0, and their moments.
     fn move_values(
         &mut self,
         range: Range<usize>,

@@ -41,9 +41,8 @@ impl Samples {
         self.hidden.last().unwrap_or(&self.encoded)
     }
 
-    /// Chooses the kept samples by compositing weight. Without Russian roulette, all samples above [`GATE`] are kept.
-    /// With Russian roulette, all samples above [`ROULETTE_WEIGHT`] are kept, and a random choice of the samples below.
-    /// `first`: index in the batch of the chunk's first sample.
+    /// Chooses the kept samples by compositing weight: all above [`GATE`] or, with Russian roulette, all above
+    /// [`ROULETTE_WEIGHT`] and a random choice of those below. `first`: index in the batch of the chunk's first sample.
     pub fn keep(&mut self, job: &Job<'_>, batch: &Batch, evaluated: &mut Evaluated, first: usize) {
         let stride = padded(evaluated.index_of.len());
         grow(&mut self.passed, stride);
@@ -119,8 +118,7 @@ impl Samples {
     }
 }
 
-/// Copies some rows of `from`, `[…][width]`, to the start of `to`. If `to` is too short, it is enlarged. `rows`:
-/// indices of the rows to copy.
+/// Copies the rows `rows` of `from`, `[…][width]`, to the start of `to`, which is enlarged if it is too short.
 fn take_rows(from: &[f32], width: usize, rows: &[u32], to: &mut Vec<f32>) {
     grow(to, padded(rows.len()) * width);
     for (to, &row) in to.chunks_exact_mut(width).zip(rows) {

@@ -52,8 +52,7 @@ impl Kept {
     }
 }
 
-/// Computes the bits of the largest absolute value of `gradients`. As integers, the bits of absolute values have the
-/// same order as the values; NaN is the largest.
+/// Computes the bits of the largest |value| of `gradients`; they have the order of the values, NaN the largest.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -111,8 +110,7 @@ impl LevelSum {
     }
 }
 
-/// Buffers of a thread. `sum`: gradient of the current level. For a level with its own sum ([`LevelState::sum`]), this
-/// buffer is not needed.
+/// Buffers of a thread. `sum`: gradient of the current level, unless it has its own sum ([`LevelState::sum`]).
 #[derive(Clone, Debug)]
 pub(super) struct LevelScratch {
     sum: LevelSum,
@@ -120,9 +118,8 @@ pub(super) struct LevelScratch {
     pub phases: Phases,
 }
 
-/// Buffers for the three fields of [`GridCorners`], for a block of samples: `entry`, `weight` and `x`. Shape of `entry`
-/// and `weight`: `[rows][BLOCK]`, with one row for each pair of cell corners that are neighbours in x. Shape of `x`:
-/// `[BLOCK]`.
+/// Buffers for the fields of [`GridCorners`], for a block of samples: `entry` and `weight`, `[rows][BLOCK]`, with one
+/// row for each pair of cell corners that are neighbours in x; and `x`, `[BLOCK]`.
 type Corners = (Vec<u32>, Vec<f32>, Vec<f32>);
 
 impl LevelScratch {
@@ -189,8 +186,7 @@ impl LevelSum {
     }
 }
 
-/// Adds the samples' gradients, multiplied by interpolation weights, to the gradients of the entries `entry`. `rows`:
-/// gradients of the samples, `[samples][width]`.
+/// Adds the samples' gradients `rows`, `[samples][width]`, times interpolation weights, to those of the `entry`s.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],

@@ -129,8 +129,7 @@ impl Scene {
         Ok(Self { name, split, cameras, rays, alone, step: facts, bounds, up, frustum, axes, findings })
     }
 
-    /// Returns an outline as polylines, world units. The outline is that of the scene box; in an unbounded scene, the
-    /// outline is that of the inner ball.
+    /// Returns the outline of the scene box or, in an unbounded scene, of the inner ball: polylines, world units.
     pub fn outline(&self) -> Vec<Vec<Vec3>> {
         const EDGE: usize = 8;
         const CIRCLE: usize = 64;
@@ -175,9 +174,8 @@ impl Scene {
         (side * azimuth.cos() + ahead * azimuth.sin()) * elevation.cos() + self.up * elevation.sin()
     }
 
-    /// Returns the range of the colour map: the smallest and the largest `t` of all samples in occupied cells. `t` is
-    /// the distance along a ray, world units. If there are no two different values of `t`, the range is from near to
-    /// far of `self.bounds`.
+    /// Returns the range of the colour map: smallest and largest distance `t` of all samples in occupied cells, world
+    /// units; near and far of `self.bounds` if there are no two different values.
     pub fn colour_range(&self) -> (f32, f32) {
         let live = self.rays.iter().flat_map(|ray| &ray.live);
         let (low, high) =

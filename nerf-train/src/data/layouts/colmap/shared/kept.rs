@@ -26,8 +26,7 @@ pub(super) struct Shared {
     pub(super) moved: [f64; 2],
     /// For each camera: width and height in pixels, and the parameters of COLMAP's camera model `OPENCV`.
     pub(super) cameras: Vec<(u64, u64, [f64; 8])>,
-    /// For each photograph, by name: index in `cameras`, and world-to-camera pose. The pose consists of the rotation
-    /// (w, x, y, z) and the translation.
+    /// For each photograph's name: index in `cameras`, and world-to-camera rotation (w, x, y, z) and translation.
     pub(super) photographs: BTreeMap<String, (u32, [f64; 4], [f64; 3])>,
     /// For each point: `POINT3D_ID`, position, and mean reprojection error in pixels.
     pub(super) points: Vec<(u64, [f64; 3], f64)>,

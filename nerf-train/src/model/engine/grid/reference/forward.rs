@@ -88,8 +88,7 @@ pub(super) fn density<T: Tape<f32, Cpu>>(network: &Network, h: &Matrix<T>) -> Re
     Ok(raw.try_reshape_like(&(samples,))?.try_clamp(f32::MIN, EXPONENTIAL_LIMIT)?.try_exp()?)
 }
 
-/// Returns the colours, `[rows][3]`, recorded on a new tape. `h`: features of each row; `dirs`: viewing direction of
-/// each row.
+/// Returns the colours, `[rows][3]`, on a new tape. `h`: features of each row; `dirs`: viewing direction of each row.
 pub(super) fn colour(
     engine: &GridReferenceEngine,
     network: &Network,
@@ -125,8 +124,7 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// Returns two values for each corner of the cell around `unit` ∈ [0, 1]³: the index of the corner's entry among the
-/// entries of all levels, and the corner's trilinear weight.
+/// Returns, for each corner of the cell around `unit` ∈ [0, 1]³, its entry's index among all levels', and its weight.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;

@@ -43,9 +43,8 @@ pub(super) fn surfaces(
     Ok(front.try_add(transmittance.with_empty_tape().try_mul(passed)?.try_sum::<Rank0, Axis<0>>()?)?)
 }
 
-/// Returns the smoothness loss ([`super::super::smoothness`]) of the lines ([`Batch::lines`]) that begin among the rays
-/// `indices`, recorded on a new tape. Returns `None` if the batch has no smoothness loss, or if no line begins among
-/// these rays.
+/// Returns the smoothness loss ([`super::super::smoothness`]) of the lines that begin among the rays `indices`, on a
+/// new tape. `None` if the batch has no smoothness loss, or if no line begins among these rays.
 pub(super) fn smoothness(
     rows: &Rows,
     batch: &Batch,
