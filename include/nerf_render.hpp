@@ -1,5 +1,5 @@
-// Radiance fields from C++17: nerf_render.h, with memory that frees itself, views that know their length, and errors
-// that are values. Nothing here throws, and -fno-exceptions -fno-rtti is fine. Header only.
+// Renders radiance fields from C++17. The header wraps nerf_render.h: memory frees itself, views know their length, and
+// errors are values. Nothing here throws, and -fno-exceptions -fno-rtti is fine. Header only.
 //
 //     auto scene = nerf::scene::open_file("scene.nerf");
 //     if (!scene) return complain(scene.error().text());
@@ -49,7 +49,7 @@ template <class C>
 using element = std::remove_pointer_t<decltype(std::data(std::declval<C &>()))>;
 
 /// True if a span or strided view may refer to the elements of a container passed as C &&. False for a temporary, which
-/// frees its elements; wrongly true for a temporary of const elements, such as a std::initializer_list.
+/// frees its elements. Wrongly true for a temporary of const elements, such as a std::initializer_list.
 template <class C>
 inline constexpr bool lends = std::is_lvalue_reference_v<C> || std::is_same_v<element<C>, element<const C>>;
 
@@ -106,9 +106,9 @@ private:
     std::size_t size_;
 };
 
-/// A view of floats, contiguous or strided, that the view does not own: `each` floats, the template argument, per ray
-/// or point. Converts from a container of floats, or of trivially copyable structures of `each` floats, such as a
-/// host's 3D vectors. nerf::member makes a view of one field of larger structures.
+/// A view of contiguous or strided floats that the view does not own. Each ray or point has `each` floats. Converts
+/// from a container of floats, or of trivially copyable structures of `each` floats, such as a host's 3D vectors.
+/// nerf::member makes a view of one field of larger structures.
 template <class T, std::size_t each>
 class strided : detail::strided_view {
 public:
@@ -134,7 +134,7 @@ public:
     /// Returns the number of rays or points.
     std::size_t size() const noexcept { return count_; }
     bool empty() const noexcept { return data_ == nullptr; }
-    /// Returns the bytes from the start of one ray's or point's floats to the start of the next; 0 if contiguous.
+    /// Returns the distance from the start of one ray's or point's floats to the next start, bytes; 0 if contiguous.
     std::size_t stride() const noexcept { return stride_; }
     nerf_floats c() const noexcept { return {data_, stride_}; }
     /// Returns whether the view holds exactly `count` rays or points, without floats left over.
@@ -288,7 +288,8 @@ struct ending {
     void operator()(T *owned) const noexcept { end(owned, align); }
 };
 
-/// Type of an omitted callback: no `progress` is then called, and the library's own clock replaces `clock`.
+/// Type of an omitted callback argument. If `progress` is omitted, nothing is called. If `clock` is omitted, the
+/// library's own clock is used.
 struct none {};
 
 /// A nerf_progress that calls a C++ callable; noexcept, since C calls it. `user`: address of a pointer to the callable.
@@ -337,7 +338,8 @@ public:
         return needed ? allocate(*needed) : result<memory>(needed.error());
     }
 
-    /// Lends a container's memory, and never frees it. The container must live, and not move, while the memory is used.
+    /// Makes an object that refers to a container's memory and never frees it. The container must live, and must not
+    /// move, while the memory is used.
     template <class C>
     static memory lend(C &&container) noexcept {
         using element = detail::element<C>;
@@ -524,8 +526,9 @@ struct strides {
     std::size_t pixel = 0;
 };
 
-/// An image plane: the caller's buffer for the pixels of target::window; target::at checks its size. An output plane
-/// receives one output, which is not computed without a plane. A plane of limits has the distances at which rays end.
+/// An image plane: the caller's buffer, with one value or vector for each pixel of target::window. target::at checks
+/// the buffer's size. An output plane receives one output; an output without a plane is not computed. A plane of limits
+/// contains the distances at which rays end.
 class plane {
 public:
     plane() noexcept = default;
@@ -583,10 +586,12 @@ private:
     bool there_ = false;
 };
 
-/// Planes of an image or of its rectangle `window`; one call can render a part. For rays, each plane has one row.
+/// Planes of an image, or of the image's rectangle `window`. One call can render all of these pixels or a part. For
+/// rays, each plane has one row.
 struct target {
     plane rgb = {}, opacity = {}, ray_distance = {}, z_depth = {}, median_distance = {}, normals = {};
-    /// Inputs: distances where rays end, world units; only one may be set. nerf::z_depth converts depth-buffer values.
+    /// Inputs: the distance at which each pixel's ray ends, world units. At most one of these two planes may be set.
+    /// nerf::z_depth converts depth-buffer values.
     plane limit_ray_distance = {}, limit_z_depth = {};
     /// Rectangle of the image that the planes hold; an empty rectangle for the whole image.
     rect window = {};
@@ -788,7 +793,8 @@ public:
         return detail::layout_of(nerf_worker_size, &asked);
     }
 
-    // Choose quality settings, into `how`, by loss (dB of PSNR below exact rendering), cost, time, point or preset.
+    // Choose quality settings and write them to `how`: by loss (dB of PSNR below the exact rendering), cost, time,
+    // point of the Pareto front, or preset.
 
     result<choice> within_loss(float loss_db, options &how) const noexcept {
         return detail::made<choice>(nerf_quality_within_loss, get(), loss_db, &how);
@@ -881,7 +887,7 @@ struct rays {
     std::optional<vec3> axis = {};
 };
 
-/// Result of one ray. Outputs that the worker was not opened for are 0, except that opacity comes with colour, too.
+/// Result of one ray. Outputs that the worker was not opened for are 0, but a worker for colour also gives opacity.
 struct pixel {
     /// Colour, premultiplied by opacity and without background: add `(1 - opacity) * background` to composite.
     vec3 rgb;
@@ -912,7 +918,7 @@ public:
     nerf_worker *get() const noexcept { return handle_.value; }
 
     /// Renders a camera's image, or its rectangle `part`. `progress`: called before the first tile and after each tile,
-    /// with (pixels done, all pixels) or no arguments. Returns void or bool (false cancels), and must not throw.
+    /// with (pixels done, all pixels) or no arguments. Returns void or bool (false cancels the render); must not throw.
     template <class F = detail::none>
     result<counters> render(const nerf_camera &camera, const target &to, const rect &part = whole,
                             F &&progress = {}) noexcept {

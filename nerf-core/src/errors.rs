@@ -1,4 +1,4 @@
-//! Macros: `errors!` declares an error enum with its messages; `ensure!` returns an error unless a condition holds.
+//! Macros for errors: `errors!` declares an error enum with its messages; `ensure!` returns an error if a check fails.
 
 /// Declares an error enum. A variant's message is the text of `Display`, and part of the variant's documentation.
 macro_rules! errors {

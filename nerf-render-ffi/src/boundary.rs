@@ -53,12 +53,13 @@ pub(crate) struct Message {
 impl Message {
     pub const NONE: Self = Self { text: core::ptr::null_mut(), capacity: 0 };
 
-    /// Returns the address range of the buffer's first byte, which every call writes; empty without a buffer.
+    /// Returns the address range of the buffer's first byte, for overlap checks; empty without a buffer. Every call
+    /// writes this byte.
     pub fn first(&self) -> Result<Span, Failure> {
         Span::new("message", self.text.cast(), usize::from(!self.text.is_null() && self.capacity > 0))
     }
 
-    /// Writes the text of `say`, cut to fit and NUL-terminated. Returns the size of the uncut text with NUL, bytes.
+    /// Writes the output of `say`, cut to fit and NUL-terminated. Returns the size of the uncut text with NUL, bytes.
     pub fn write(&self, say: impl FnOnce(&mut Cut)) -> usize {
         let there = !self.text.is_null() && self.capacity > 0;
         let room = if there { self.capacity - 1 } else { 0 };
@@ -269,7 +270,8 @@ impl<T: Versioned> Out<T> {
     }
 }
 
-/// Runs a C call for a memory size, bytes: writes the result of `body` to `size`, the alignment of [`Line`] to `align`.
+/// Runs a C call that computes a memory size. Writes the result of `body` to `size`, and the alignment of [`Line`] to
+/// `align`, in bytes.
 ///
 /// # Safety
 /// `size` and `align` are NULL, or may be written until the call ends.

@@ -4,7 +4,8 @@ use core::panic::PanicInfo;
 
 #[cfg_attr(target_arch = "wasm32", link(wasm_import_module = "env"))]
 unsafe extern "C" {
-    /// Function of the host that a panic calls; must not return. Not needed if the compiler removes every panic.
+    /// Function of the host that a panic calls; must not return. The host need not define the function if the compiler
+    /// removes every panic.
     fn nerf_panicked() -> !;
 }
 

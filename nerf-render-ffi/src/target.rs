@@ -111,7 +111,8 @@ impl Canvas {
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks the planes for the results of `count` points; `rgb.data` may be NULL. `read`: name and memory of inputs.
+    /// Checks the planes for the results of `count` points; `rgb.data` may be NULL. `read`: for each input array of the
+    /// points, its name in messages and its memory.
     ///
     /// # Safety
     /// The planes are NULL, or writable while the canvas is used.
@@ -139,7 +140,7 @@ impl Canvas {
     }
 
     /// Checks all planes of a target of `extent` pixels. Returns an error if a plane is invalid or overlaps an output
-    /// plane or an input array. `read`: name and memory of each input array of rays; `None` for an image.
+    /// plane or an input array. `read`: name in messages and memory of each input array of rays; `None` for an image.
     ///
     /// # Safety
     /// As for [`Canvas::of_image`].

@@ -187,7 +187,8 @@ struct Checked {
 }
 
 /// Sizes of the parts of a worker's memory. In lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels
-/// (`pixels`), and the renderer's workspace (`rest`). In bytes: the whole memory (`bytes`), with the list of scenes.
+/// (`pixels`), and the renderer's workspace (`rest`). In bytes: the whole memory (`bytes`), which also holds the list
+/// of scenes.
 struct Shares {
     own: usize,
     pixels: usize,

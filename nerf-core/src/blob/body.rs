@@ -143,7 +143,7 @@ pub struct SceneFacts {
     pub sampling: SceneSampling,
     /// Background colour (red, green, blue), sRGB-encoded, 0 to 1; visible where opacity is below 1.
     pub background: [f32; 3],
-    /// Whether rendering without the occupancy grid is an error: the network was not trained in the grid's empty cells.
+    /// Whether rendering without the occupancy grid is an error. True if the network was not trained in empty cells.
     pub occupancy_required: bool,
     /// Default viewpoint of renders; `None` if the cameras of the training photographs are not known.
     pub viewpoint: Option<Viewpoint>,

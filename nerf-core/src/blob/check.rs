@@ -15,7 +15,8 @@ use crate::space::{BoundsError, Contraction, SceneBox};
 use core::f32::consts::TAU;
 use glam::Vec3;
 
-/// Checks the body and entropy-coded tables by all rules of the format but canonical form (`check_form` in `view.rs`).
+/// Checks the body, including entropy-coded tables, by all rules of the format except canonical form, which is checked
+/// by `check_form` in `view.rs`.
 pub(super) fn check(body: &Body<'_>) -> Result<(), BlobError> {
     check_undecoded(body)?;
     check_coded(body)
@@ -112,7 +113,8 @@ fn looks_somewhere(viewpoint: &Viewpoint) -> bool {
         && (0.0..=TAU).contains(&viewpoint.arc)
 }
 
-/// Whether rays of the scene can have `samples` samples: 1 to [`MAX_SAMPLES`], at a distance that does not round to 0.
+/// Whether rays of the scene can have `samples` samples. The number must be 1 to [`MAX_SAMPLES`], and the distance
+/// between samples must not round to 0.
 fn samples_fit(scene: &SceneFacts, samples: u16) -> bool {
     (1..=MAX_SAMPLES).contains(&samples)
         && match scene.sampling {

@@ -17,7 +17,8 @@ const VERSION: Range<usize> = 8..10;
 const ENDIAN: Range<usize> = 10..12;
 const FLAGS: Range<usize> = 12..16;
 const BODY_LENGTH: Range<usize> = 16..24;
-/// Byte range of the header's CRC-32 (ISO-HDLC), over header and body with zeros for the header's last 8 bytes.
+/// Byte range of the CRC-32 (ISO-HDLC) in the header. The CRC covers header and body, with zeros in place of the
+/// header's last 8 bytes.
 const CHECKSUM: Range<usize> = 24..28;
 const RESERVED: Range<usize> = 28..HEADER_LEN;
 

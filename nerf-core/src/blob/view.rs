@@ -17,7 +17,8 @@ use serde::Deserialize;
 #[cfg(not(feature = "grid"))]
 const GRID_TAG: u8 = 1;
 
-/// Reads a blob's body section by section, for errors to name. A macro, since a function would copy the large body.
+/// Reads a blob's body section by section, so that an error can name the section. A macro, since a function would copy
+/// the large body.
 macro_rules! read_body {
     ($input:expr) => {
         Body {

@@ -292,7 +292,7 @@ impl Camera {
         self.towards(self.lens.straighten(u, v))
     }
 
-    /// Returns the ray along `dir`, in camera coordinates (right, down, forward) and of any length.
+    /// Returns the ray from the camera along `dir`. `dir`: camera coordinates (right, down, forward), of any length.
     fn towards(&self, dir: Vec3) -> Ray {
         let local = Vec3::new(dir.x, -dir.y, -dir.z);
         let dir = self.pose.rotation * local;
@@ -321,7 +321,7 @@ impl Camera {
     }
 
     /// Returns a camera with one pixel per whole block of `right` × `down` pixels; the pixel's ray goes through the
-    /// middle of the block. `right` is clamped to the range 1 to the image width, `down` to 1 to the image height.
+    /// middle of the block. `right` is clamped to `1..=width` and `down` to `1..=height` of the image.
     pub fn thinned(&self, right: u32, down: u32) -> Self {
         let Intrinsics { width, height, fx, fy, cx, cy } = self.intrinsics;
         // `new` checked that no side is 0. `max(1)` lets the compiler see that `clamp` cannot panic.

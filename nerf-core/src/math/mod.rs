@@ -80,7 +80,7 @@ impl MathBackend {
 pub trait Math {
     /// Whether the sinusoidal encoding computes each level from the previous level by angle doubling.
     const DOUBLING: bool = false;
-    /// `(sin πu, cos πu)` for finite `u`, which is first reduced modulo 2, exactly: no backend gets a large angle.
+    /// `(sin πu, cos πu)` for finite `u`. First reduces `u` modulo 2 exactly, so that no backend gets a large angle.
     #[inline(always)]
     fn sin_cos_pi<V: Lanes>(u: V) -> (V, V) {
         polynomial::sin_cos_pi(u)

@@ -47,7 +47,7 @@ impl<'a, T> Init<'a, T> {
     }
 }
 
-/// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])` in ascending `p`; `act`: ReLU if `relu`, else the identity.
+/// Computes `C[i][j] = act(init + Σ_p A[i][p] B[p][j])`, summed in ascending `p`. `act`: ReLU if `relu`, else identity.
 ///
 /// Every element is summed in the same order for any `m` and `n`: results do not depend on how a block of samples is
 /// split into calls. Two instruction sets can give different results: only some fuse multiply-adds. ReLU of NaN is NaN.

@@ -10,7 +10,7 @@ use crate::simd::{Isa, Lanes, Op};
 /// >= `n`.
 ///
 /// # Panics
-/// With debug assertions, if a slice is too short for the sizes and strides in `g`; else missing values are read as 0.
+/// With debug assertions, if a slice is too short for `g`. Without debug assertions, missing values are read as 0.
 pub fn gemm_f16(isa: Isa, g: Gemm, a: &[u8], b: &[f32], c: &mut [f32], init: Init<'_, u8>, relu: bool) {
     isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }

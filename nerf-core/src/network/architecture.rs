@@ -131,7 +131,7 @@ impl Layer {
 pub type Layers = heapless::Vec<Layer, MAX_LAYERS>;
 
 impl Architecture {
-    /// Checks the limits of every field, the fields' consistency, and that this build supports the architecture.
+    /// Checks that all fields are within their limits and consistent, and that this build supports the architecture.
     ///
     /// # Errors
     /// An [`ArchitectureError`] that names the first field that fails a check.
@@ -180,7 +180,8 @@ impl Architecture {
         Ok(())
     }
 
-    /// Returns all layers, with the indices of their parameters: for each layer in turn, `W` row-major and then `b`.
+    /// Returns all layers, with the indices of their parameters. The parameter vector holds, for each layer in turn,
+    /// `W` row-major and then `b`.
     ///
     /// Correct only for an architecture that passes [`Architecture::check`].
     pub fn layers(&self) -> Layers {
@@ -251,7 +252,7 @@ impl Architecture {
         self.position.grid().map_or(0, |grid| grid.reads())
     }
 
-    /// Number of values of the trunk's output `h`; of the position encoding's outputs if the trunk is empty.
+    /// Number of values of the trunk's output `h`. If the trunk is empty, `h` is the output of the position encoding.
     pub fn h_rows(&self) -> usize {
         let empty = || if PER_RAY_BUILT { self.position.outputs() } else { 0 };
         self.trunk.last().map_or_else(empty, |layer| usize::from(layer.width))

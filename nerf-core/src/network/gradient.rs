@@ -54,7 +54,8 @@ impl Network<'_> {
     /// averaged over this Gaussian: the encoding is averaged, and the layers after the encoding are treated as linear.
     /// The blur damps the finer levels of the encoding.
     ///
-    /// A grid's interpolation is differentiated inside the sample's cell; a face belongs to the cell of larger index.
+    /// A grid's interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell
+    /// with the larger index.
     ///
     /// The derivative of the ReLU at 0 is 0. A forward pass in the kernel's own arithmetic determines which outputs of
     /// the ReLU are above 0. The backward pass computes in f32, from weights in their stored precision.

@@ -134,7 +134,7 @@ impl<'a> Network<'a> {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
 
-    /// Number of rows of [`Scratch::encoded`]: the outputs of the larger of position encoding and direction encoding.
+    /// Number of rows of [`Scratch::encoded`]: outputs of the position or the direction encoding, whichever has more.
     pub fn encoded_rows(&self) -> usize {
         let direction = self.architecture.direction.map_or(0, |direction| direction.outputs());
         self.architecture.position.outputs().max(direction)

@@ -25,8 +25,8 @@ impl<'a> Weights<'a> {
     /// Returns the parameters of a network in the format of `storage`. If weights are read directly from the scene
     /// file's bytes, returns `bytes`. Otherwise unpacks the f16 `bytes` into `memory` and returns `memory`.
     ///
-    /// `memory`: one value per parameter of the `architecture`; without colours, per parameter of trunk and density
-    /// head ([`Architecture::density_parameters`]). May be empty if `bytes` are read directly.
+    /// `memory`: one value per parameter of the `architecture`. If colours are not evaluated, the parameters of trunk
+    /// and density head suffice ([`Architecture::density_parameters`]). May be empty if `bytes` are read directly.
     ///
     /// # Panics
     /// If `bytes` or `memory` is too short.
@@ -70,7 +70,8 @@ impl<'a> Weights<'a> {
         }
         let parameters = memory.len();
         for layer in architecture.layers().iter().filter(|layer| layer.bias + layer.outputs <= parameters) {
-            // A row of pairs is no longer than its row of f32, so that no value is overwritten before it is read.
+            // A row of pairs is no longer than the row of f32 that it replaces, so that no value is overwritten before
+            // it is read.
             let mut to = layer.weights;
             for row in 0..layer.outputs {
                 let row = layer.weights + row * layer.inputs();

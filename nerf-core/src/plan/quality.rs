@@ -89,7 +89,7 @@ impl Quality {
     }
 
     /// Returns the settings of a preset in this scene: the cheapest on the scene's Pareto front whose PSNR is at most
-    /// [`Preset::loss_db`] below the exact rendering's; [`Quality::exact`] if every PSNR is too low.
+    /// [`Preset::loss_db`] below that of the exact rendering. If every PSNR is too low, returns [`Quality::exact`].
     ///
     /// Without a Pareto front the PSNR of settings is not known. `Preset::Exact` is then [`Quality::exact`], and
     /// `Preset::High` is [`Quality::default`]. The other presets are then fixed settings, with losses measured in a

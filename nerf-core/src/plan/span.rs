@@ -39,7 +39,8 @@ pub(crate) struct Span {
     pub ends: Ends,
 }
 
-/// Largest rounding error of a point on a ray, from [`SceneBox::clip`] and `Ray::at`, divided by the point's distance.
+/// Largest rounding error of a point on a ray, divided by the distance of the point along the ray. Covers the errors of
+/// [`SceneBox::clip`] and of `Ray::at`.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
 impl Span {
@@ -114,7 +115,7 @@ fn contracted_span(
 /// One value for each of up to [`MAX_LANES`] rays.
 type Row = [f32; MAX_LANES];
 
-/// The sampled parts ([`Span`]) of up to [`MAX_LANES`] rays; in `Spans<V>`, of the rays in the lanes of one vector.
+/// The sampled parts ([`Span`]) of up to [`MAX_LANES`] rays. `Spans<V>` has one ray in each lane of a vector.
 pub(crate) struct Spans<T = Row> {
     origin: [T; 3],
     start: T,
@@ -179,7 +180,8 @@ impl Spans {
     }
 }
 
-/// [`Span::new`] for up to [`MAX_LANES`] rays at once, bit-identical. For bounded scenes without a proposal network.
+/// Operation that computes [`Span::new`] for up to [`MAX_LANES`] rays at once, with bit-identical results. For bounded
+/// scenes without a proposal network.
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,

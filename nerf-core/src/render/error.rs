@@ -17,7 +17,7 @@ errors! {
     /// A side of the requested image of a 2D field is 0 or above [`MAX_RENDER_SIDE`](super::MAX_RENDER_SIDE).
     Size { width: u32, height: u32 } =>
         "size: expected sides of 1 to {MAX_IMAGE_SIDE} pixels, found {width}x{height}";
-    /// The batch's rays are outside 1 to [`Batch::MAX_RAYS`], or its samples per block are outside 1 to 64.
+    /// The batch does not have 1 to [`Batch::MAX_RAYS`] rays, or does not have 1 to 64 samples per block.
     Batch { found: Batch } => "{error}", error = PlanError::Batch { found: *found };
     /// The rectangle is not inside the image of `width` × `height` pixels.
     Rect { rect: Rect, width: u32, height: u32 } =>

@@ -1,4 +1,4 @@
-//! Report of a frame: stages that run, reasons why others are off, and each stage's work if counters are given.
+//! Report of a frame: the stages that run, why other stages are off, and each stage's work if counters are given.
 
 use super::Counters;
 use super::field::Field;
@@ -67,7 +67,7 @@ pub struct Explanation<'e> {
 }
 
 impl Explanation<'_> {
-    /// Adds the work of each stage to the report. `counters`: of a frame that was rendered with the reported plan.
+    /// Adds the work of each stage to the report. `counters`: counters of a frame rendered with the reported plan.
     pub fn with_counters(self, counters: Counters) -> Self {
         Self { counters: Some(counters), ..self }
     }
@@ -119,7 +119,8 @@ impl Explanation<'_> {
         .map(|(name, switch)| Stage { name, switch })
     }
 
-    /// Reported size of the workspace, bytes: what the frame needs, or what [`Explanation::with_workspace`] set.
+    /// Returns the reported workspace size, bytes: the size that the frame needs, or the size set by
+    /// [`Explanation::with_workspace`].
     pub fn workspace_bytes(&self) -> usize {
         self.workspace
     }

@@ -241,7 +241,8 @@ impl Bins {
         self.points(i, half, [V::splat(start), V::splat(low), V::splat(high), V::splat(far), V::splat(stop)])
     }
 
-    /// Distance along the ray of fraction `u` of bin `i`, never rounded up to the next bin's start. `u`: in `[0, 1)`.
+    /// Distance along the ray of the point at fraction `u` of bin `i`; never rounded up to the next bin's start. `u`
+    /// must be in `[0, 1)`.
     #[inline]
     pub fn within(&self, i: u32, u: f32) -> f32 {
         let (start, end) = (self.at(i, 0.0), self.at(i, 1.0));
@@ -256,7 +257,7 @@ impl Bins {
     }
 
     /// Index range of the bins that may have a point in `enter..=exit`. To allow for rounding errors, the range
-    /// includes a few more bins at each end; many more if bins are narrower than the spacing of f32 at the last bin.
+    /// includes a few more bins at each end, or many more if bins are narrower than the spacing of f32 at the last bin.
     pub fn overlapping(&self, enter: f32, exit: f32) -> Range<u32> {
         let rounding = self.rounding();
         // `as` saturates, and converts NaN to 0.

@@ -80,7 +80,7 @@ pub fn sample_pdf(bins: &Bins, row: &mut [f32], within: impl Fn(u32) -> f32) {
     }
 }
 
-/// Returns middle and width of the interval of sample `row[k]`: the part of the ray nearer to it than to other samples.
+/// Returns middle and width of the interval of sample `row[k]`: the part of the ray to which this sample is nearest.
 ///
 /// `row`: distances of the ray's samples, ascending. The first interval begins at `near`, the last ends at `far`, so
 /// that the widths add up to `far − near`. Samples in the middles of equal bins get the bins' width.

@@ -31,7 +31,7 @@ names! {
 pub const VECTORS: bool = if cfg!(target_arch = "wasm32") {
     cfg!(target_feature = "simd128")
 } else {
-    // Every target with an operating system counts as having vectors: trainers need f32 weights, hence [`VECTORS`].
+    // Targets with an operating system count as having vectors: trainers need f32 weights, which need [`VECTORS`].
     !cfg!(target_os = "none") || cfg!(any(target_arch = "x86_64", target_arch = "aarch64"))
 };
 

@@ -55,10 +55,12 @@ macro_rules! lanes_in_memory {
 pub(super) use {instructions, lanes_in_memory};
 
 /// Vector operations from which [`weighted_rows`] is built. A vector consists of groups of four lanes. Each lane has
-/// its own table rows to sum, in four passes, numbered by `LANE` from 0 to 3. Each pass sums the rows of lane `LANE` of
-/// every group. During a pass, the four lanes of a group hold four neighbouring values of one row of lane `LANE`.
+/// its own table rows to sum. The sums are computed in four passes, numbered by `LANE` from 0 to 3. Each pass sums the
+/// rows of lane `LANE` of every group. During a pass, the four lanes of a group hold four neighbouring values of one
+/// row of lane `LANE`.
 pub trait Quads: Lanes {
-    /// Whether [`weighted_rows`] moves offsets from vectors to scalar registers through memory, where this is faster.
+    /// Whether [`weighted_rows`] moves offsets from vectors to scalar registers through memory. True for instruction
+    /// sets on which this is faster.
     const OFFSETS_IN_MEMORY: bool = false;
     /// Whether each pass of [`weighted_rows`] stores its sums to memory instead of keeping them in registers. The store
     /// keeps the compiler from moving loads of the next pass in front of it, which would take too many registers.

@@ -64,7 +64,7 @@ mod sealed {
     impl Sealed for [u8; 2] {}
 }
 
-/// Prefetches the cache line of `values[index]`; does nothing if out of range, or on targets other than x86_64.
+/// Prefetches the cache line of `values[index]`. Does nothing if `index` is out of range, or the target is not x86_64.
 ///
 /// Useful in loops that read data-dependent addresses, such as the entries of a hash table.
 #[cfg(feature = "train")]

@@ -7,7 +7,8 @@ use glam::{Mat3, Vec3};
 /// Tolerance of the test that a matrix, divided by its scale, is a rotation: largest difference of a column's length
 /// from 1, and largest magnitude of the dot product of two columns.
 const TOLERANCE: f32 = 1e-3;
-/// Largest valid scale; the smallest is `1 / MAX_SCALE`. Distances in world and field then stay in the range of f32.
+/// Largest valid scale; the smallest valid scale is `1 / MAX_SCALE`. With a valid scale, distances in world and field
+/// units stay in the range of f32.
 const MAX_SCALE: f32 = 1e9;
 
 /// Placement of a field in the host's world: rotation, uniform scale and translation.

@@ -78,7 +78,8 @@ pub struct Pixel {
     pub opacity: f32,
     /// Mean distance along the ray, world units; the frame's far distance if opacity is at most [`OPACITY_EPSILON`].
     pub ray_distance: f32,
-    /// Mean distance along the view axis, world units; the far distance if opacity is at most [`OPACITY_EPSILON`].
+    /// Mean distance along the view axis, world units; the frame's far distance if opacity is at most
+    /// [`OPACITY_EPSILON`].
     pub z_depth: f32,
     /// First distance along the ray at which the transmittance is below one half, world units; the frame's far distance
     /// if there is none, 0 if not requested.

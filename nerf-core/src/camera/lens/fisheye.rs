@@ -75,7 +75,8 @@ impl Lens {
     }
 
     /// Brackets the angle whose image distance ([`Self::angle_seen`]) is `seen`: returns a smaller and a larger angle,
-    /// radians. `None` if the lens folds at a smaller image distance, or if all angles up to π have smaller ones.
+    /// radians. `None` if the lens folds at a smaller image distance, or if the image distances of all angles up to π
+    /// are smaller.
     fn angles_around(&self, seen: f32) -> Option<(f32, f32)> {
         let mut low = 0.0;
         for step in 1..=STEPS {

@@ -80,8 +80,9 @@ impl<V: Lanes> Cells<V> {
         rows
     }
 
-    /// Returns the interpolation weight of each row (two corners that differ only in x), without the weight along x. In
-    /// 2D (`ROWS` = 2) it is the weight along y, in 3D (`ROWS` = 4) the weight along y times that along z.
+    /// Returns the interpolation weight of each row (two corners that differ only in x), without the weight along x. A
+    /// row's weight is the weight along y in 2D (`ROWS` = 2), and the product of the weights along y and z in 3D
+    /// (`ROWS` = 4).
     #[inline(always)]
     pub fn row_weights<const ROWS: usize>(&self) -> [V; ROWS] {
         let [_, wy, wz] = self.weights;

@@ -82,7 +82,8 @@ pub struct GridEncoding {
     pub inputs: u8,
     /// Number of features of a table entry: 1, 2 or 4.
     pub features: u8,
-    /// Binary logarithm of a hash table's size, at most [`MAX_LOG2_ENTRIES`]. Levels with more vertices are hashed.
+    /// Binary logarithm of the number of entries of a hash table, at most [`MAX_LOG2_ENTRIES`]. Levels with more
+    /// vertices than this number are hashed.
     pub log2_entries: u8,
     /// Number of cells along x, y, z at each level, 1 to [`MAX_GRID_RESOLUTION`]; 0 along z with 2 inputs.
     pub resolutions: heapless::Vec<[u16; 3], MAX_GRID_LEVELS>,
@@ -165,7 +166,8 @@ impl GridEncoding {
     /// `x`: `[inputs][stride]`, world units. `of_encoded`: `[outputs][stride]`, ∂f/∂encoded. `of_x`, set to ∂f/∂x:
     /// `[inputs][stride]`. Unless `stride` is a multiple of [`Isa::columns`], all samples are computed one by one.
     ///
-    /// The interpolation is differentiated inside the sample's cell; a face belongs to the cell of larger index.
+    /// The interpolation is differentiated inside the sample's cell. A face between two cells belongs to the cell with
+    /// the larger index.
     ///
     /// `blur`: standard deviation, world units, of a Gaussian around each sample. The gradient is averaged over this
     /// Gaussian: a level with cells of width `c` is weighted by `erf(c / (√8 blur))`. If `blur` is 0, the weight is 1.
@@ -206,7 +208,8 @@ impl<'a> GridTables<'a> {
     /// Empty tables, for a network without a grid.
     pub const NONE: Self = Self { values: TableValues::F32(&[]), min: [0.0; 3], sides: [1.0; 3] };
 
-    /// Tables of a grid that spans the scene box `bounds`; if `None`, as in a 2D field, 0..1 on each axis.
+    /// Tables of a grid that spans the scene box `bounds`. If `bounds` is `None`, as in a 2D field, the grid spans 0..1
+    /// on each axis.
     pub fn new(values: TableValues<'a>, bounds: Option<&SceneBox>) -> Self {
         match bounds {
             Some(b) => Self { values, min: b.min.to_array(), sides: (b.max - b.min).to_array() },

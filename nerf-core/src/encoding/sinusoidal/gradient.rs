@@ -50,7 +50,7 @@ struct Gradient<'a> {
     encoding: &'a SinusoidalEncoding,
     stride: usize,
     s: f32,
-    /// Factor of each level `k` in the derivative: `2^k exp(−½ (2^k s blur)²)`, without the factor `s` of all levels.
+    /// Factor of each level `k` in the derivative: `2^k exp(−½ (2^k s blur)²)`. The common factor `s` is not included.
     factors: [f32; MAX_LEVELS as usize],
     encoded: &'a [f32],
     of_encoded: &'a [f32],

@@ -29,7 +29,7 @@ pub struct Effects {
     pub anti_aliasing: u16,
     /// A thin lens with an aperture; `None` for a pinhole, which is sharp at all distances.
     pub depth_of_field: Option<ThinLens>,
-    /// Exposure, choice of tone curve, and choice of linear colours in place of display-encoded ones.
+    /// Exposure, choice of tone curve, and choice between linear and display-encoded (sRGB) colours.
     pub tone: Tone,
 }
 
@@ -63,7 +63,7 @@ impl ThinLens {
     pub const LARGEST: f32 = 1e9;
 }
 
-/// Exposure, tone curve and linear output, which act on linear light: the network's sRGB colours are decoded first.
+/// Exposure, tone curve and linear output. All act on linear light: the network's sRGB colours are decoded first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tone {
     /// Exposure, stops (doublings of the light): −[`Tone::MAX_STOPS`] to [`Tone::MAX_STOPS`]; 0 changes nothing.

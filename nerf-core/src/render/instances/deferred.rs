@@ -55,7 +55,7 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Indices in `Deferred::sums` of the sums of field `member` on the rays `ray..ray + count`.
+    /// Indices in `Deferred::sums` at which the sums of field `member` on the rays `ray..ray + count` are stored.
     fn sums(&self, member: usize, ray: usize, count: usize) -> Range<usize> {
         let Place { sums, rows, .. } = at(self.places, member);
         let row = if rows > 0 { rows + 1 } else { 0 };

@@ -50,7 +50,7 @@ impl CoarseOccupancy {
         if straight { self.packets_of(plan.occupancy.as_ref()?) } else { None }
     }
 
-    /// Returns the packet test of `occupancy`, from which `self` was made; `None` without blocks or occupied cells.
+    /// Returns the packet test of `occupancy`, which `self` was made from. `None` without blocks or occupied cells.
     fn packets_of<'c>(&'c self, occupancy: &OccupancyGrid<'c>) -> Option<Packets<'c>> {
         let around = self.around.filter(|_| VECTORS && self.side > 0)?;
         let reach = (f32::from(self.side) - SLACK) / occupancy.cells_per_unit.max_element();
@@ -148,7 +148,8 @@ impl Packets<'_> {
 /// Intervals of distance along the rays of a packet, each marked if occupied cells may lie in it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::render) struct Intervals {
-    /// Bit `i`: whether occupied cells may lie in interval `i`, from `near + i · step`, or in a neighbouring interval.
+    /// Bit `i`: whether occupied cells may lie in interval `i` or in a neighbouring interval. Interval `i` begins at
+    /// `near + i · step`.
     found: u64,
     near: f32,
     /// Width of an interval, world units along the rays; +∞ in [`Intervals::ALL`].

@@ -54,8 +54,8 @@ impl RayState {
         Self { pixel: PixelRay { ray: Ray { origin, dir }, x: index as u32, ..PixelRay::NONE }, ..Self::NONE }
     }
 
-    /// Sets the state to the start of the ray of pixel `(x, y)`. `range`: nearest and farthest visible distance, world
-    /// units. `span`: the sampled part of the ray; `None` if the ray has no samples.
+    /// Sets the state to the start of the ray of pixel `(x, y)`. `range`: stored in [`PixelRay::range`]. `span`: the
+    /// sampled part of the ray; `None` if the ray has no samples.
     #[inline]
     pub fn begin(&mut self, (x, y): (u32, u32), ray: Ray, range: [f32; 2], span: Option<Span>) {
         *self = Self { pixel: PixelRay { ray, range, x, y, done: false, ..PixelRay::NONE }, ..Self::NONE };

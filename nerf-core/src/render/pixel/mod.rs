@@ -1,6 +1,7 @@
 //! Rays of each pixel, and outputs of the pixel, computed from the results of its rays.
 //!
-//! Each effect has two files of one interface: one implements the effect, the other does nothing in builds without it.
+//! Each effect has two files with the same interface: one implements the effect, and the other does nothing, for builds
+//! without the effect's feature.
 
 #[cfg_attr(not(feature = "anti-aliasing"), path = "anti_aliasing_off.rs")]
 mod anti_aliasing;

@@ -62,7 +62,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         self.put::<M>((ray.x, ray.y), seen, far, target);
     }
 
-    /// Adds the result of a ray without samples to pixel `(x, y)`. `far`: distance, world units, that is output.
+    /// Adds the result of a ray without samples to pixel `(x, y)`. `far`: the distance that is output, world units.
     pub fn miss<M: Math>(&mut self, (x, y): (u32, u32), far: f32, target: &mut impl Target) {
         self.counters.samples_skipped += u64::from(self.plan.samples_per_ray());
         let median_distance = self.median_of_missed(far);

@@ -178,7 +178,8 @@ pub(in crate::render) struct PixelRay {
     /// Distance, world units, from the ray's original origin to the point from which sample distances are counted.
     pub start: f32,
     /// Nearest visible distance, and the distance that is output if the ray meets no surface: the smaller of the
-    /// ray's farthest visible distance and [`RaySource::far`]. World units from the ray's original origin.
+    /// ray's farthest visible distance and [`RaySource::far`]. World units from the ray's original origin. In the state
+    /// of one field of a `Merge`: nearest and farthest visible distance, in the field's units.
     pub range: [f32; 2],
     pub x: u32,
     pub y: u32,

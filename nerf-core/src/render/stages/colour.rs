@@ -26,7 +26,7 @@ pub(in crate::render) struct Colour<'w> {
     owner: &'w mut [u32],
     weight: &'w mut [f32],
     queued: usize,
-    /// `[3][stride]`: first the directions of a block of rays, later the colours of a block of samples.
+    /// Buffer, `[3][stride]`: first the directions of a block of rays, later the colours of a block of samples.
     rgb: &'w mut [f32],
 }
 

@@ -18,11 +18,13 @@ use crate::simd::{BLOCK, Lanes, MAX_LANES, Op, VECTORS};
 use crate::volume::side_by_side::{self, LEFT, add_samples};
 use core::marker::PhantomData;
 
-/// Number of rows of [`Columns`] without `sums`, whose number depends on the network. A row has one value per ray.
-/// Terms in order: origin, direction, position, interval, least distance, bin cuts, compositing state.
+/// Number of rows of [`Columns`], not counting `sums`: the number of rows of `sums` depends on the network. Each row
+/// has one value per ray. The terms below are, in order: origin, direction, position, interval, least distance, bin
+/// cuts, compositing state.
 const ROWS: usize = 3 + 3 + 1 + 2 + 1 + Ends::PARTS + side_by_side::ROWS;
 
-/// Whether samples lie in the middles of bins in world units, so that a bin's index determines its sample's position.
+/// Whether each sample lies in the middle of its bin and bins are in world units. A bin's index then determines the
+/// sample's position.
 fn in_middles(plan: &Plan<'_>) -> bool {
     plan.contraction.is_none() && plan.effects.jitter.is_none()
 }
@@ -93,7 +95,8 @@ struct Columns<'a> {
     owner: [u32; BLOCK],
     origins: &'a mut [Row; 3],
     dirs: &'a mut [Row; 3],
-    /// Position of each column's sample along its ray, in the unit of the bins; the bin's index if [`in_middles`].
+    /// Position of each column's sample along the ray, in the unit of the plan's bins; the bin's index if
+    /// [`in_middles`] is true.
     t: &'a mut Row,
     /// Two rows: the distance that each sample contributes to the mean `ray_distance`, and the width of each sample's
     /// interval. Both in world units.
@@ -204,7 +207,7 @@ impl<'a> Columns<'a> {
             waits += 1;
         }
         rays.march_all(head(&marching, marches));
-        // In descending order: the last column, whose copy fills a gap, must have its next sample by then.
+        // In descending order. A gap is filled with a copy of the last column, which must have its next sample by then.
         for &column in head(&waiting, waits).iter().rev() {
             let Some(ray) = rays.states.get_mut(at(&self.owner, column) as usize) else { return 0 };
             if !ray.pixel.done && ray.next < ray.end {

@@ -21,7 +21,8 @@ pub(in crate::render) struct Compositing<'w> {
     /// sample, and transmittance behind each sample. The rows of opacity and transmittance first hold optical
     /// thicknesses, which [`Absorb`] converts. `rows` is empty in builds without vector instructions.
     rows: &'w mut [f32],
-    /// Columns of the block whose colour or normal is evaluated, ascending: `[samples]`. Empty if neither is requested.
+    /// Indices of the block's columns whose colour or normal is evaluated, ascending: `[samples]`. Empty if neither
+    /// colour nor normals are requested.
     picked: &'w mut [u32],
     weight: &'w mut [f32],
     pub count: usize,
@@ -39,7 +40,8 @@ impl<'w> Compositing<'w> {
         }
     }
 
-    /// Iterates over the block's samples picked for colour or normal: column, and weight of colour and normal.
+    /// Iterates over the samples of the block that were picked for colour or normal. Yields each sample's column, and
+    /// the weight of its colour and normal.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = (usize, f32)> {
         let picked = head(self.picked, self.count).iter().zip(&*self.weight);
@@ -117,7 +119,8 @@ impl<'w> Compositing<'w> {
         counters.add_density(field.network, used);
     }
 
-    /// Adds the block's optical thickness to the rays. Computes each sample's opacity, and the transmittance behind it.
+    /// Adds the optical thickness of the block's samples to their rays. Computes the opacity of each sample and the
+    /// transmittance behind each sample.
     ///
     /// The exponentials are computed up to sixteen at a time. The results are bit-identical on every instruction set.
     fn absorb<M: Math>(&mut self, TileState { field, rays, density, .. }: &mut TileState<'_, '_>) {

@@ -72,7 +72,7 @@ impl<'a> Proposer<'a> {
         if self.network().is_some() && plan.proposal.is_some() { plan.samples_per_ray() as usize } else { 0 }
     }
 
-    /// Numbers of encoded inputs and activations per sample of the proposal network; 0 if `plan` uses no proposal.
+    /// Numbers of encoded inputs and activations per sample of the proposal network; 0 if `plan` does not use it.
     pub fn rows(&self, plan: &Plan<'_>) -> (usize, usize) {
         let network = self.network().filter(|_| plan.proposal.is_some());
         network.map_or((0, 0), |network| (network.encoded_rows(), network.activation_rows()))

@@ -62,7 +62,7 @@ impl Contraction {
         self.radius
     }
 
-    /// Power `p` of [`Contraction::distance`]: how the distances between samples grow outside the inner ball.
+    /// Power `p` of [`Contraction::distance`], which sets how sample spacing grows outside the inner ball.
     pub fn power(&self) -> u8 {
         self.power
     }
