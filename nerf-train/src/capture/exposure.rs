@@ -16,7 +16,8 @@ const SMALLEST_RESIDUAL: f64 = 0.02;
 const USABLE: (f64, f64) = (15.0, 245.0);
 /// Number of pixels on each side of the middle pixel of the averaged square, which has 5 × 5 pixels.
 const HALF_SIDE: i64 = 2;
-/// Number of lines of sight that make a photograph usable. At least two photographs and half of all must be usable.
+/// Number of lines of sight that make a photograph usable. Gains are measured if at least two photographs, and at least
+/// half of all, are usable.
 const ENOUGH_SIGHTS: usize = 20;
 /// Smallest standard deviation of the log gains at which exposure is fitted. On two captures of constant exposure
 /// (measured standard deviations 0.043 and 0.079), fitted gains made the result 0.2 to 0.7 dB worse.

@@ -10,7 +10,8 @@ use std::fmt;
 const MIN_TRACK: u32 = 3;
 /// Mean reprojection error at or above which a point is not used, pixels of the full-size photograph.
 const MAX_ERROR: f32 = 2.0;
-/// Distance of a key point from the projection of its 3D point, pixels of the view, from which on it is not used.
+/// Distance between a key point and the projection of its 3D point, pixels of the view, from which on the key point is
+/// not used.
 const MAX_RESIDUAL: f32 = 3.0;
 /// Number of photographs that must show a point for full confidence in the point.
 const FULL_TRACK: f32 = 6.0;
@@ -23,7 +24,8 @@ pub struct Sight {
     pub point: u32,
     /// Distance from the camera to the point, world units.
     pub distance: f32,
-    /// Confidence, 0 to 1: `min(1, track / 6) / (1 + error²)`, with `track` and mean reprojection `error` of the point.
+    /// Confidence, 0 to 1: `min(1, track / 6) / (1 + error²)`. `track`: number of photographs that show the point.
+    /// `error`: mean reprojection error of the point, pixels.
     pub confidence: f32,
 }
 
@@ -33,7 +35,8 @@ pub struct Sights {
     pub of_views: Vec<Vec<Sight>>,
     /// Number of key points of each view that are not used because their 3D point does not project near them.
     pub contradictory: Vec<usize>,
-    /// Number of key points of all views left out for too few photographs of their 3D point, or for a large residual.
+    /// Number of key points of all views that are not used because too few photographs show their 3D point, or because
+    /// the point's reprojection error is too large.
     doubtful: usize,
 }
 

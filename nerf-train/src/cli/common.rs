@@ -182,7 +182,7 @@ pub fn tell_flat(outcome: &Outcome) {
     }
 }
 
-/// Reports steps `missed` of `--snapshots`: the run ended at step `last`, or was resumed from a later step.
+/// Reports why steps of `--snapshots` were `missed`: the run ended at step `last`, or was resumed from a later step.
 pub fn tell_missed(last: u32, missed: &[u32]) {
     let (beyond, passed): (Vec<u32>, Vec<u32>) = missed.iter().partition(|&&step| step > last);
     let say = |steps: &[u32], why: String| {

@@ -178,7 +178,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Adapts the settings to the photographs' resolution, the run's length and `--max-bytes`. Reports and returns all.
+    /// Reports and returns settings adapted to the photographs' resolution, the run's length and `--max-bytes`.
     fn sized(
         &self,
         config: Config,

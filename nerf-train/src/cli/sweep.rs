@@ -107,7 +107,8 @@ impl Lists {
         Combinations { base: job.base_point(), lists: own.into_iter().chain(more).collect(), mode }
     }
 
-    /// Trains this process's combinations that have no result yet, and reports all. `more`: further settings to vary.
+    /// Trains the combinations of this process that have no result yet, then reports all results. `more`: further
+    /// settings to vary, with their values.
     fn sweep(&self, job: &Job<'_>, more: [(Knob, Vec<f64>); 3], global: &Global) -> anyhow::Result<ExitCode> {
         let combinations = self.combinations(job, more);
         let points = combinations.points()?;

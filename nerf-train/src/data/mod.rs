@@ -284,13 +284,15 @@ pub struct ReadOptions {
     pub far: Option<f32>,
     /// Size limit of an unpacked array of an archive, bytes, against zip bombs; `None`: 4 GiB.
     pub max_array_bytes: Option<u64>,
-    /// Whether pictures outside of the data set's folder are read (`--outside-files`), to which links may lead.
+    /// Whether pictures outside of the data set's folder are read (`--outside-files`). A path or a link may lead to
+    /// such pictures.
     pub outside_files: bool,
     /// Layout to read if several layouts fit a folder (`--layout`); `None`: the first that fits.
     pub layout: Option<Layout>,
     /// Factor by which photographs are reduced (`--downscale`). [`Downscale::Auto`] does not reduce Blender pictures.
     pub downscale: Downscale,
-    /// Index, 0 to 7, of the validation view in each eight views, sorted by name. Unused if the data set states splits.
+    /// Index, 0 to 7, of the validation view in each group of eight views, sorted by name. Unused if the data set
+    /// states splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
     /// File that stores shared cameras. The file is read if it was made from the same reconstruction. Otherwise it is

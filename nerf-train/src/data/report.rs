@@ -147,7 +147,8 @@ fn axes_warning(look_at: &LookAt, cameras: &[Camera], axes: Axes) -> Option<Stri
     Some(warning)
 }
 
-/// Whether the optical axes meet near a point if the matrices are read as world-to-camera, as they then should be.
+/// Whether the optical axes would meet near a point if the matrices were read as world-to-camera. The matrices are then
+/// probably world-to-camera.
 fn inverse_meets(cameras: &[Camera]) -> bool {
     let line = |camera: &Camera| {
         let inverse = camera.pose().rotation.transpose();

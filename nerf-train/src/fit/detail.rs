@@ -67,8 +67,8 @@ pub fn pixels_across(dataset: &Dataset, scene_box: &SceneBox) -> Option<f32> {
 }
 
 /// Adapts the preset's settings to a scene that spans `pixels` pixels. Each doubling of `pixels` doubles the entries of
-/// a level, and multiplies the cells of the finest level and the march steps across the scene box by √2. Settings other
-/// than the preset's or set in `chosen` do not change. Nothing changes below `PRESET_PIXELS`.
+/// a level, and multiplies the cells of the finest level and the march steps across the scene box by √2. Settings that
+/// differ from the preset's, or that are set in `chosen`, do not change. Below `PRESET_PIXELS`, nothing changes.
 pub fn for_pixels(mut config: Config, chosen: Chosen, pixels: f32) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };
@@ -95,15 +95,17 @@ const LONG_SECONDS: f64 = 45.0;
 /// Least limit in training steps with which a run counts as long.
 const LONG_STEPS: u32 = 15_000;
 
-/// Whether a run is long: each limit that is set must be at least `LONG_SECONDS` or `LONG_STEPS`.
+/// Whether a run is long. A limit in seconds, if set, must be at least `LONG_SECONDS`; a limit in steps, if set, must
+/// be at least `LONG_STEPS`.
 pub fn is_long(budget: &Budget) -> bool {
     budget.seconds.is_none_or(|seconds| seconds >= LONG_SECONDS)
         && budget.steps.is_none_or(|steps| steps >= LONG_STEPS)
 }
 
 /// Adapts the settings to a long run, which learns more detail. Shortens the march steps to 3/4 of their length.
-/// Doubles the entries of each level and stores them in int8, so that the file is no larger. The number changes only if
-/// it is the preset's; the format only if both are the preset's. Settings set in `chosen` stay.
+/// Doubles the number of entries of each level, and stores them in int8, so that the file is no larger. The number
+/// changes only if it equals the preset's; the format changes only if number and format equal the preset's. Settings
+/// that are set in `chosen` do not change.
 pub fn for_long_run(mut config: Config, chosen: Chosen) -> Config {
     let preset = config.preset.config();
     let (Some(grid), Some(own)) = (&mut config.network.grid, &preset.network.grid) else { return config };

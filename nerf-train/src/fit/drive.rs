@@ -19,11 +19,12 @@ pub(super) trait Task {
     type Due;
 
     fn steps(&self) -> u32;
-    /// Returns the used fraction of the budget, with the next step, assumed as long as the last: `last_step` seconds.
+    /// Returns the used fraction of the budget. The used time includes the next step, which is assumed to take
+    /// `last_step` seconds, as the last step did.
     fn share(&mut self, last_step: f64) -> Result<f64>;
     /// Returns an error if the limit in seconds ended the run after too few steps.
     fn check_steps(&self) -> Result<()>;
-    /// Returns the validation that is due. `share`: used fraction of the budget. `ended`: the last step is done.
+    /// Returns the due validation. `share`: used fraction of the budget. `ended`: whether the last step is done.
     fn due(&self, share: f64, ended: bool) -> Option<Self::Due>;
     fn validate(&mut self, due: Self::Due) -> Result<()>;
     /// Adds a point without validation to the training curve, if a point is due at this step and the curve has no point
@@ -133,7 +134,8 @@ impl Keeper {
         claim.cover(Cover { files, message: task.interrupted() }, || work(task))
     }
 
-    /// Writes a checkpoint, if the run keeps one. A failed write leaves the last one, and is reported the first time.
+    /// Writes a checkpoint, if the run keeps one. If writing fails, the previous checkpoint is kept; only the first
+    /// failure is reported.
     fn save(&mut self, task: &impl Task, progress: &Progress) {
         self.last = Instant::now();
         let Some((path, bytes)) = task.checkpoint() else { return };

@@ -39,7 +39,8 @@ pub struct Outcome {
     pub lattice: u32,
     /// Distances between the field's rendered surfaces and the sparse points that the validation views show.
     pub surfaces: Surfaces,
-    /// Scores of validation views with refined poses, on the pixels of `scores`. `None` without such poses or views.
+    /// Scores of the validation views with refined poses, measured on the same pixels as `scores`. `None` if poses are
+    /// not refined, or without validation views.
     pub refined_scores: Option<Scores>,
     pub refined_poses: Option<RefinedPoses>,
     pub poses: Option<PosesFound>,
@@ -185,8 +186,8 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Returns the scores of `views` for each of `renderings`, which are pairs of a blob and quality settings, on the same
-/// pixels. Their number is as large as the time limit allows, up to a maximum per view.
+/// Returns the scores of `views` for each of `renderings`, pairs of a blob and quality settings. All renderings are
+/// scored on the same pixels: as many as the time limit allows, up to a maximum per view.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],
@@ -279,8 +280,9 @@ pub(super) fn asked_views(session: &Session<'_, '_>) -> Vec<View> {
     spread_indices(train.len(), ASKED_VIEWS).map(|i| train[i].seen_from(cameras[i])).collect()
 }
 
-/// Returns the refined poses of all views, and the scores of the file `draft` with them, on every `lattice`-th row and
-/// column of the validation views. Both are `None` if poses are not refined; the scores also without such views.
+/// Returns the refined poses of all views, and the scores of the file `draft` with these poses, measured on every
+/// `lattice`-th row and column of the validation views. Both are `None` if poses are not refined; the scores are also
+/// `None` without validation views.
 fn refine(
     session: &mut Session<'_, '_>,
     draft: &[u8],
@@ -330,8 +332,9 @@ pub struct ViewDependence {
     pub left_out: bool,
 }
 
-/// Removes the view dependence of the export candidate, by the mean encoded direction over training rays, if PSNR falls
-/// by less than the threshold. Returns the loss and the decision; `None` without a threshold or view dependence.
+/// Removes the view dependence of the export candidate if PSNR falls by less than the threshold. To remove it, replaces
+/// the encoded direction by its mean over training rays. Returns the loss and the decision; `None` if no threshold is
+/// set, or if colour does not depend on the direction.
 ///
 /// PSNR is measured on training views: validation views must not decide what is exported.
 pub(super) fn ask_direction(

@@ -71,8 +71,8 @@ impl RunOptions {
         Ok(Some(serde_json::from_str(&Checkpoint::read(path)?.config).unwrap_or_default()))
     }
 
-    /// Reads the checkpoint and passes it to `restore`, if the run resumes. Returns `clock` plus the seconds of the
-    /// checkpoint. Fails if the checkpoint belongs to a run with other settings (`config`, as JSON) or `data`.
+    /// Reads the checkpoint and passes it to `restore`, if the run resumes. Returns `clock` plus the checkpoint's
+    /// seconds. Fails if it belongs to a run with other settings (`config`, as JSON) or `data` (name and fingerprint).
     pub(super) fn resumed(
         &self,
         clock: Clock,

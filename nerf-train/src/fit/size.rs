@@ -67,9 +67,10 @@ pub struct Chosen {
 /// bytes, whatever the run learns, even with a full Pareto front of rendering settings. `extent`: sides of the scene
 /// box, world units. Returns `None` without a learned grid.
 ///
-/// If the file of `config` is too large, f16 tables become entropy-coded, unless the user chose the format. They then
-/// get the largest number of values that fits, and the finest quantisation steps that fit. The number of entries may
-/// double, with slightly finer levels; no other setting grows. Fails if even the smallest file is too large.
+/// If the file of `config` is too large, f16 tables become entropy-coded, unless the user chose the format.
+/// Entropy-coded tables get the largest number of values that fits, and then the finest quantisation steps that fit.
+/// The number of their entries may double, with slightly finer levels; no other setting grows. Fails if even the
+/// smallest file is too large.
 pub fn within(
     config: &Config,
     chosen: Chosen,
@@ -185,7 +186,8 @@ fn least_bytes(grid: &GridEncoding, storage: TableStorage, bits: f64) -> u64 {
     }
 }
 
-/// Returns the candidate resolutions of the occupancy grid, finest first: up to the configured one, or only the user's.
+/// Returns the candidate resolutions of the occupancy grid, finest first, none finer than configured. A resolution that
+/// the user set is the only candidate.
 fn resolutions(config: &Config, chosen: Chosen, extent: Vec3, max_bytes: u64) -> Vec<u16> {
     let own = config.occupancy_resolution(extent);
     let share = (max_bytes as f64 * OCCUPANCY_SHARE) as usize;
@@ -245,7 +247,8 @@ fn tables(
 }
 
 /// Returns the largest number of cells along x, y, z that an occupancy grid of this `resolution` can have. A run builds
-/// it at full resolution, or at half with each cell then divided into eight, which may round to other numbers.
+/// the grid at full resolution, or at half the resolution with each cell then divided into eight. Because of rounding,
+/// the two ways can give different numbers of cells.
 fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     let [whole, half] =
         [resolution, resolution.div_ceil(2)].map(|resolution| Occupancy::sides(extent, resolution));
@@ -261,7 +264,8 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     let (across, power) = (f32::from(config.sampling.steps_across), config.sampling.contraction);
     let content = Content::Scene(SceneFacts {
         min: [0.0; 3],
-        // The box of an unbounded scene is a cube. Its sides are exactly equal here: far corners would be rounded.
+        // The box of an unbounded scene is a cube. Its sides are exactly equal here; corners far from the origin would
+        // be rounded.
         max: if power.is_some() { [longest; 3] } else { extent.into() },
         near: 0.0,
         far: 1.0,
@@ -303,7 +307,8 @@ pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u6
     length(body, config.network.grid.as_ref())
 }
 
-/// Returns the size of the largest file of a fit of a 2D field, bytes. `size`, `name`: of the picture.
+/// Returns the size of the largest file that a fit of a 2D field can export, bytes. `size`: width and height of the
+/// picture, pixels. `name`: name of the picture.
 pub fn most_picture_bytes(config: &FieldConfig, size: [u32; 2], name: &str) -> Result<u64, BlobError> {
     let [width, height] = size;
     let body = Body {
@@ -332,8 +337,8 @@ fn provenance(data: &str, seed: u64) -> Provenance<'_> {
     }
 }
 
-/// Returns the size of a file, bytes: of the contents `body`, their weights, and the tables of a learned grid of these
-/// settings. Entropy-coded tables are counted with their largest size.
+/// Returns the size of a file, bytes: of `body` without weights, of the weights, and of the tables of a learned grid
+/// with the settings `table`. Entropy-coded tables are counted with their largest size.
 fn length(body: Body<'_>, table: Option<&TableConfig>) -> Result<u64, BlobError> {
     let weights = vec![0; 2 * body.architecture.parameters()];
     let grid = body.architecture.position.grid().cloned();

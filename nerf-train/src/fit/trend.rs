@@ -3,7 +3,7 @@
 use crate::train::CurvePoint;
 use std::fmt;
 
-/// Least rise of the validation PSNR, dB, that counts as better. Smaller gains of the two views are noise.
+/// Least rise of the validation PSNR, dB, that counts as better. With only two views, smaller gains are noise.
 const VAL_RISE_DB: f64 = 0.05;
 /// Least gain of the smoothed training PSNR, dB, that counts as a rise: three times the noise of the curve.
 const TRAIN_RISE_DB: f64 = 0.3;

@@ -48,14 +48,16 @@ pub(super) struct Due {
 
 /// Returns the due work, which is a validation, snapshots or both; `None` if neither is due. `share`: used fraction of
 /// the budget. `ended`: whether the last step is done. The decision depends on step, budget and the trainer's state, so
-/// that a resumed run validates at the same steps; with a limit in seconds, also on measured times.
+/// that a resumed run validates at the same steps as an uninterrupted run. With a limit in seconds, the decision also
+/// depends on measured times.
 pub(super) fn due_at(session: &Session<'_, '_>, share: f64, ended: bool) -> Option<Due> {
     let validation = validation_is_due(session, share, ended);
     let pictures = pictures_are_due(session, share, ended);
     (validation || pictures).then_some(Due { validation, pictures })
 }
 
-/// Whether another eighth of the budget has begun since `last` (step, seconds). `share`: used fraction of the budget.
+/// Whether another eighth of the budget has begun since `last`, the step and seconds of the last validation or
+/// snapshot. `share`: used fraction of the budget.
 ///
 /// With a limit in seconds, the eighths shift slightly, because the time reserved for the end of a run is estimated
 /// anew at every step. Therefore, at least half an eighth must also have passed since `last`.

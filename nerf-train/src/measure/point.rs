@@ -158,7 +158,8 @@ impl Point {
         })
     }
 
-    /// Returns the ratio of this point's render time to `exact`'s, median over the rounds that timed both completely.
+    /// Returns the ratio of this point's render time to that of `exact`, median over the rounds of timing. `None` if no
+    /// round timed both points completely.
     pub fn relative_time(&self, exact: &Self, clock: Clock) -> Option<f64> {
         let both = self.rounds.iter().zip(&exact.rounds);
         let ratios: Vec<f64> =

@@ -9,7 +9,8 @@ use nerf_core::space::SceneBox;
 use rayon::prelude::*;
 
 /// Returns sigma, 1/world unit, at each of `points`. `parameters`: layer parameters in the architecture's order, then
-/// the values of the grid's tables, if there is a grid. Panics if their number is wrong. `bounds`: box of the grid.
+/// the values of the grid's tables, if there is a grid. `bounds`: box that the grid spans. Panics if the parameters do
+/// not fit the architecture.
 pub fn densities(
     isa: Isa,
     architecture: &Architecture,

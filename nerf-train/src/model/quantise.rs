@@ -33,9 +33,11 @@ impl From<TableStorage> for Rounding {
     }
 }
 
-/// Fraction of a run after which training reads int8 and coded tables rounded as in the file, to adapt to the rounding.
+/// Fraction of a run after which training reads int8 and coded tables rounded as in the exported file, so that the
+/// parameters adapt to the rounding.
 pub(crate) const ROUNDED_FROM: f64 = 0.85;
-/// For each candidate step: fraction of a level's values that it does not clip. The largest magnitudes are clipped.
+/// For each candidate quantisation step: fraction of a level's values that the step does not clip. The values of
+/// largest magnitude are clipped.
 const KEPT: [f64; 3] = [1.0, 0.9999, 0.9995];
 /// Largest magnitude of an int8 value, in quantisation steps.
 pub(crate) const STEPS: f32 = 127.0;
@@ -115,8 +117,9 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Returns the quantisation step of each level: for coded tables, the smallest that fit the limit of bytes, or defaults
-/// without a limit; for int8, those of least squared error, as for f16, which needs none.
+/// Returns the quantisation step of each level. For coded tables, the steps are the smallest that fit the limit of
+/// bytes, or default steps without a limit. For int8, each step is the one of least squared error. For f16, which needs
+/// no steps, the result is as for int8.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),
@@ -132,8 +135,9 @@ pub(super) fn steps(value: f32, scale: f32) -> f32 {
     ((value / scale).clamp(-STEPS, STEPS) + WHOLE) - WHOLE
 }
 
-/// Returns the quantisation step, among one for each fraction in [`KEPT`], with the least squared error of a level's
-/// values. A few are often many times as large as all others: clipping these adds less error than coarse steps.
+/// Returns the quantisation step with the least squared error of rounding and clipping a level's values. There is one
+/// candidate step for each fraction in [`KEPT`]. A few values are often many times as large as all others: clipping
+/// these few adds less error than coarse steps.
 pub(super) fn scale_of(values: &[f32]) -> f32 {
     let mut magnitudes: Vec<f32> = values.iter().map(|value| value.abs()).collect();
     magnitudes.sort_unstable_by(f32::total_cmp);

@@ -49,7 +49,8 @@ pub fn flight(keys: &[Keyframe], frames: usize) -> Vec<Keyframe> {
     (0..frames).map(frame).collect()
 }
 
-/// Returns the rotations of `keys` as quaternions q or −q, the same rotation, whichever is nearer to the previous one.
+/// Returns the rotations of `keys` as quaternions. Each quaternion has the sign, q or −q, that is nearer to the
+/// previous quaternion; q and −q are the same rotation.
 fn aligned(keys: &[Keyframe]) -> Vec<Quat> {
     let mut turns: Vec<Quat> = Vec::with_capacity(keys.len());
     for key in keys {

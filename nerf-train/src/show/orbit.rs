@@ -26,7 +26,7 @@ pub struct Orbit {
 
 impl Orbit {
     /// Returns the orbit through the camera of [`SceneFacts::viewpoint`] or, without one, around the middle of the
-    /// scene box, at the mean of near and far. `up`: up direction; `None`: the viewpoint's, or +z without a viewpoint.
+    /// scene box, with the mean of near and far as radius. `up`: up direction; `None`: the viewpoint's, or +z.
     pub fn of(scene: &SceneFacts, up: Option<Vec3>) -> Self {
         match &scene.viewpoint {
             Some(viewpoint) => {

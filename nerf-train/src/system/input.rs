@@ -85,7 +85,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, text))
 }
 
-/// Returns the message of a TOML error on one line, where the parser's own has several, with line and column in `text`.
+/// Returns a TOML error's message on one line, with line and column in `text`. The parser's message has several lines.
 pub fn toml_message(text: &str, error: &toml::de::Error) -> String {
     let said = error.message().lines().map(str::trim).collect::<Vec<_>>().join("; ");
     let Some(before) = error.span().and_then(|span| text.get(..span.start)) else {

@@ -318,7 +318,7 @@ impl Drop for Progress {
 
 fn new_bar() -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(BAR_LENGTH), ProgressDrawTarget::stderr());
-    // Two lines, as 80 columns cannot hold times and figures. Without a parsed template, the default bar is shown.
+    // Two lines, as 80 columns cannot hold times and figures. If the template does not parse, the default bar is shown.
     match indicatif::ProgressStyle::with_template("{bar:24.cyan/white} {percent:>3} % {prefix}\n{wide_msg}") {
         Ok(style) => bar.with_style(style.progress_chars("━╸─")),
         Err(_) => bar,

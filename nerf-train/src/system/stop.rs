@@ -110,13 +110,14 @@ impl Drop for Claim {
 /// Contents of a [`Note`]: message to print on a signal if no work is claimed, and task to run before printing.
 struct Words {
     message: String,
-    /// Name and function of a task that runs before `message` is printed, with name and result appended.
+    /// Name and function of a task that runs before printing. Its name and result are appended to `message`.
     last: Option<(&'static str, LastWork)>,
 }
 
 type LastWork = Box<dyn FnOnce() -> Result<(), String> + Send>;
 
-/// Guard that sets the message to print on a signal if no work is claimed, else "interrupted". At most one exists.
+/// Guard that sets the message to print on a signal if no work is claimed. At most one exists. Without a guard, the
+/// message is "interrupted".
 #[derive(Debug)]
 pub struct Note(());
 
@@ -133,7 +134,8 @@ impl Note {
         *words = Some(Words { message: message.into(), last });
     }
 
-    /// Registers a task of less than a second that runs on a signal, before the message, which names it: `what`.
+    /// Registers a task that runs on a signal, before the message is printed. The task must take less than a second.
+    /// `what`: name of the task in the message.
     pub fn before(&self, what: &'static str, work: impl FnOnce() -> Result<(), String> + Send + 'static) {
         if let Some(words) = lock(&NOTE).as_mut() {
             words.last = Some((what, Box::new(work)));

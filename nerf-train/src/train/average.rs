@@ -4,7 +4,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// Largest time constant of the average, as a fraction of the updates so far: it soon forgets the first steps.
+/// Largest time constant of the average, as a fraction of the number of updates so far. The average thus soon forgets
+/// the first steps.
 const REACH: f64 = 1.0 / 9.0;
 /// Number of parameters that one parallel task averages.
 const PART: usize = 1 << 14;

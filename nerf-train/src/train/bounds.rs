@@ -47,15 +47,15 @@ impl Bounds {
 
 /// Number of cells along the longest side of a coarse visual hull. Only the scene box is computed from this hull.
 const COARSE_HULL: u16 = 64;
-/// Distance from a camera, in radii of the inner ball, taken as empty in an unbounded scene without sparse points.
+/// Distance from a camera, in radii of the uncontracted ball, taken as empty in unbounded scenes without sparse points.
 const NEAR_RADII: f32 = 0.1;
 /// Far end of the rays of an unbounded scene without sparse points, in radii of the uncontracted ball.
 const FAR_RADII: f32 = 100.0;
 /// Least distance between two cameras, in radii of the uncontracted ball. In the first occupancy grid of an unbounded
 /// scene, a cell is occupied only if two cameras at least this far apart see it.
 const APART_RADII: f32 = 0.05;
-/// Quantile and factor that bound the empty space before the cameras of an unbounded scene with sparse points: this
-/// quantile of the distances from the cameras to the points in their photographs, times the factor.
+/// Quantile and factor that bound the empty space before the cameras of an unbounded scene with sparse points. The
+/// space ends at this quantile of the distances from the cameras to the points in their photographs, times the factor.
 const ALL_VIEWS: (f32, f32) = (0.001, 0.6);
 /// Quantile and factor that give the radius of the uncontracted ball if all cameras look nearly the same way. The
 /// radius is this quantile of the distances from the cameras to the points in their photographs, times the factor.

@@ -131,8 +131,8 @@ impl Checkpoint {
         }
     }
 
-    /// Returns the name of the first part that contradicts another part, or the resuming run (`average`); `None` if all
-    /// fit. A valid checksum does not prove that this program wrote the file.
+    /// Returns the name of the first part of the checkpoint that contradicts another part, or the resuming run's
+    /// `average`; `None` if all parts fit. A valid checksum does not prove that this program wrote the file.
     pub(super) fn wrong_part(&self, average: &Average) -> Option<&'static str> {
         let State { average: averaged, progressed, curve, .. } = &self.state;
         let step = progressed.step;
@@ -155,7 +155,7 @@ pub(crate) fn damaged(path: &Path, found: impl Display) -> anyhow::Error {
 }
 
 /// Returns the settings that must not change when a run is resumed, as JSON, since TOML cannot store the seed, a u64.
-/// Settings that may change are 1: number of steps and, with a learned grid, number of samples per ray.
+/// Settings that may change are set to 1: number of steps and, with a learned grid, number of samples per ray.
 pub(crate) fn settings(config: &impl Serialize) -> String {
     let mut tree = serde_json::to_value(config).expect("plain data");
     tree["optimiser"]["steps"] = 1.into();

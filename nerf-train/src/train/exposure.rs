@@ -7,7 +7,7 @@ use crate::model::config::Exposure;
 use crate::train::photographs::SmallAdam;
 use serde::{Deserialize, Serialize};
 
-/// Number of steps for which gains are learned on trial. Then they are kept only if the exposures differ enough.
+/// Number of steps for which gains are learned on trial. Afterwards, they are kept only if the exposures differ enough.
 const TRIAL: u32 = 1_000;
 /// Learning rates of the log gains: first, while the gains are on trial; second, otherwise.
 const RATES: [f32; 2] = [5e-3, 1e-3];
@@ -99,8 +99,9 @@ impl Gains {
         factors.extend(views.iter().map(|&view| of_view[view as usize]));
     }
 
-    /// Does one Adam step. `gradients`: of the loss with respect to each photograph's log gains. Returns a finding
-    /// after the trial's last step, else `None`. Unless the finding is `fitted`, the caller must discard the gains.
+    /// Does one Adam step. `gradients`: gradients of the loss with respect to each photograph's log gains. Returns a
+    /// finding after the trial's last step, else `None`. If the finding's `fitted` is false, the caller must discard
+    /// the gains.
     pub fn step(&mut self, gradients: &[[f32; 3]]) -> Option<ExposureFound> {
         self.steps += 1;
         let rate = RATES[usize::from(!self.on_trial)];

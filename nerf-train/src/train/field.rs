@@ -62,7 +62,8 @@ impl<'p> FieldTrainer<'p> {
         Ok(())
     }
 
-    /// Fills the batch with random pixels, for a learned grid in row order: successive rays read nearby entries.
+    /// Fills the batch with random pixels. For a learned grid, the pixels are in row order, so that successive rays
+    /// read nearby entries.
     fn draw(&mut self) {
         let Self { photo, config, batch, state, .. } = self;
         let Picture { width, height, rgb } = &photo.picture;

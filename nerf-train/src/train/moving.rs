@@ -23,7 +23,7 @@ use std::ops::Range;
 const EVERY: u32 = 500;
 /// Least number of training photographs with which a run masks moving objects.
 const FEWEST_VIEWS: usize = 8;
-/// Largest numbers of patches: along a photograph's longer side, and in all photographs. More would get too few rays.
+/// Largest numbers of patches: along a photograph's longer side, and in all photographs. More patches get too few rays.
 const PATCHES: [u32; 2] = [60, 90_000];
 /// Least side of a patch, pixels.
 const SMALLEST_SIDE: u32 = 4;

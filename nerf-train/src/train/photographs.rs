@@ -38,7 +38,8 @@ impl Photographs {
             (found.poses, found.poses_found) = Poses::of(dataset, sights.is_some(), capture.poses);
             found.moving = Moving::of(views, capture.moving);
         }
-        // With refined poses no photograph is withheld: the poses of the others would drift away from its own.
+        // With refined poses, no photograph is withheld: the poses of the others would drift away from the poses of the
+        // withheld photographs.
         if found.poses.is_none() {
             found.withheld = Withheld::of(views, config);
         }
@@ -64,8 +65,9 @@ impl Photographs {
         parts.into_iter().find(|&(_, fits)| !fits).map(|(part, _)| part)
     }
 
-    /// Sets gains and loss weights of the rays of `batch` and, if poses are refined, requests gradients of the rays.
-    /// Returns refined cameras for the next rays, if any moved. `share`: used fraction of the budget.
+    /// Sets gains and loss weights of the rays of `batch`. If poses are refined, also requests loss gradients with
+    /// respect to the rays. Returns refined cameras for the next rays, if any moved. `share`: used fraction of the
+    /// budget.
     pub fn prepare(
         &mut self,
         batch: &mut Batch,

@@ -1,7 +1,8 @@
 //! Poses of the photographs, refined with the field.
 //!
-//! A camera is rotated and translated by small steps against the gradient of the loss with respect to its rays. In the
-//! coordinates of the steps, length 1 moves the image by one pixel, root mean square, for any rotation and translation.
+//! A camera is rotated and translated by small steps against the gradient of the loss with respect to its rays. The
+//! steps are taken in coordinates in which a step of length 1 moves the image by one pixel, root mean square, for any
+//! mixture of rotation and translation.
 //!
 //! # Source
 //! Lin et al. 2021 (BARF), poses by the photometric loss, coarse to fine; Park et al. 2023 (CamP), the preconditioner.
@@ -17,7 +18,8 @@ use nerf_core::camera::{Camera, Pose, Ray};
 use nerf_core::space::Contraction;
 use serde::{Deserialize, Serialize};
 
-/// Number of first steps in which poses are refined on trial: it goes on if the image has moved by [`CALLED_FOR`].
+/// Number of steps at the start of a run in which poses are refined on trial. Refinement goes on if the image has moved
+/// by at least [`CALLED_FOR`].
 const TRIAL: u32 = 1_000;
 /// Steps between two moves of the cameras.
 const EVERY: u32 = 8;
@@ -84,7 +86,7 @@ impl std::fmt::Display for PosesFound {
 
 impl Poses {
     /// Returns the poses to refine, and a finding. The poses are `None` if the given poses are kept. The finding is
-    /// that the sparse points confirm these, else `None`. `sights`: whether there are lines of sight to sparse points.
+    /// that the sparse points confirm the given poses; otherwise `None`. `sights`: whether there are lines of sight.
     pub fn of(dataset: &Dataset, sights: bool, asked: PoseRefinement) -> (Option<Self>, Option<PosesFound>) {
         let begin = |on_trial| Some(Self::given(dataset.train.len(), on_trial));
         if asked == PoseRefinement::Given || dataset.train.len() < 2 {

@@ -120,7 +120,8 @@ impl Budget {
     }
 }
 
-/// Returns the learning rate after `step` steps, at `share` of the budget: `rate · final_share^share`, after a warm-up.
+/// Returns the learning rate after `step` steps: `rate · final_share^share`, after a linear warm-up. `share`: used
+/// fraction of the budget.
 pub fn learning_rate(config: &OptimiserConfig, step: u32, share: f64) -> f64 {
     let warm = if config.warm_up == 0 { 1.0 } else { f64::from(step + 1) / f64::from(config.warm_up) };
     config.rate * config.final_share.powf(share) * warm.min(1.0)

@@ -1,4 +1,4 @@
-//! Photographs withheld at first, whose PSNR gap to the other photographs sets the weight decay.
+//! Photographs withheld from training at first. Their PSNR gap to the other photographs sets the weight decay.
 
 use crate::data::View;
 use crate::model::config::{Config, OptimiserConfig, Withholding};
@@ -9,7 +9,8 @@ use serde::{Deserialize, Serialize};
 const TRIAL: u32 = 1_500;
 /// First step whose colour errors are summed to find the PSNR of the photographs.
 const SUMMED_FROM: u32 = 1_000;
-/// Step from which a run looks for moving objects after withholding: the field has then also learned those photographs.
+/// Step from which a run that withheld photographs looks for moving objects: by then the field has also learned the
+/// photographs that were withheld at first.
 pub const LEARNED_FROM: u32 = 2_000;
 /// Least number of steps that a run must have for photographs to be withheld.
 const FEWEST_STEPS: u32 = 2 * TRIAL;
@@ -30,7 +31,7 @@ const KNOWN: f64 = 64.0;
 /// Colour errors of the training photographs while some of them are withheld.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Withheld {
-    /// For each photograph: sums of its rays' errors in red, green, blue, and squared, and number of rays.
+    /// For each photograph: sums of its rays' errors in red, green and blue, sum of the squared errors, number of rays.
     sums: Vec<[f64; 5]>,
 }
 

@@ -8,7 +8,8 @@ use serde::Serialize;
 
 /// Limits for a PSNR far below the median: lower by more than `.0` dB and by more than `.1` median absolute deviations.
 const FAR_WORSE: (f64, f64) = (5.0, 6.0);
-/// Difference of the best and the worst group's mean PSNR, dB, from which on the worst group's poses are doubtful.
+/// Difference between the mean PSNR of the best and of the worst group, dB. From this difference on, the poses of the
+/// worst group are doubtful.
 const DIFFERENT_DB: f64 = 3.0;
 /// Median PSNR, dB, below which photographs without point tracks are reported as contradicting each other.
 const LOW_DB: f64 = 22.0;

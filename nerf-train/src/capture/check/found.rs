@@ -21,10 +21,12 @@ const MISPLACED: (usize, usize) = (10, 2);
 const WIDE_GAP: f32 = 60.0;
 /// Maximum number of names, or ranges of names, in a list. Further photographs are only counted.
 const LISTED: usize = 6;
-/// Minimum size, photographs, of both parts of a capture that a single link connects, for the link to be reported.
+/// Minimum size, in photographs, of each of the two parts of a capture that a single link connects. If a part is
+/// smaller, the link is not reported.
 const HANGING: usize = 3;
 
-/// Reason why photographs fall into groups: a folded reconstruction (superimposed sides), wrong poses, separate pieces.
+/// Reason why photographs fall into groups: a folded reconstruction (two sides of the scene are superimposed), wrong
+/// poses, or pieces without shared points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Reason {
     Folded,

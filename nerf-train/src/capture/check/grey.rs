@@ -15,7 +15,7 @@ const NEIGHBOURS: usize = 6;
 const BLURRED: f32 = 0.3;
 /// Side of the thumbnails that are compared to find duplicates, pixels.
 const STAMP: usize = 32;
-/// Limit for duplicates: largest mean absolute difference of two thumbnails, relative to the lower standard deviation.
+/// Limit for duplicates: mean absolute difference of two thumbnails, divided by the lower of their standard deviations.
 const SAME: f32 = 0.01;
 
 pub(super) struct Grey {
@@ -28,7 +28,8 @@ pub(super) struct Grey {
 }
 
 impl Grey {
-    /// Converts a view to grey, reduced by the smallest whole factor that makes the long side at most [`WORKING_SIDE`].
+    /// Converts a view to grey, and divides its size by the smallest whole factor that makes the long side at most
+    /// [`WORKING_SIDE`] pixels. The factor is at most the short side.
     pub fn of(view: &View) -> Self {
         let (width, height) = view.size();
         let factor = width.max(height).div_ceil(WORKING_SIDE).clamp(1, width.min(height).max(1));
@@ -112,7 +113,8 @@ pub(super) fn centred(mut values: Vec<f32>) -> (Vec<f32>, f32) {
     (values, norm)
 }
 
-/// Returns each photograph's sharpness relative to the median of its [`NEIGHBOURS`] nearest poses; 1 for a single one.
+/// Returns each photograph's sharpness divided by the median sharpness of the [`NEIGHBOURS`] photographs with the
+/// nearest poses; 1 for a single photograph.
 pub(super) fn sharpness(views: &[&View], greys: &[Grey]) -> Vec<f32> {
     let own: Vec<f32> = greys.par_iter().map(Grey::sharpness).collect();
     let place = |view: &View| (view.camera.pose().position, view.camera.pose().forward());

@@ -1,4 +1,4 @@
-//! Groups of photographs with mutually consistent poses, found from pairs that agree with or contradict each other.
+//! Groups of photographs with consistent poses, found from pairs of photographs that agree or contradict each other.
 
 use super::pairs::Pair;
 use std::collections::{BTreeMap, BTreeSet};
@@ -50,7 +50,7 @@ fn clusters(count: usize, pairs: &[Pair]) -> Vec<usize> {
     label
 }
 
-/// Returns the numbers of pairs that agree and that contradict each other, among those whose indices `which` accepts.
+/// Returns the number of agreeing pairs and of contradicting pairs, among the pairs whose indices `which` accepts.
 fn count(pairs: &[Pair], which: impl Fn([usize; 2]) -> bool) -> (usize, usize) {
     let chosen = pairs.iter().filter(|pair| which(pair.views));
     chosen.fold((0, 0), |(good, bad), pair| {
@@ -130,7 +130,7 @@ impl Groups {
     /// Makes the final groups and the outliers.
     ///
     /// `group`: index of each photograph's group, below `groups`; `None` if the photograph is in `contradict` or in no
-    /// pair, and then joins the previous photograph's group. `contradict`: photographs of rejected clusters.
+    /// pair. A photograph in no pair joins the previous one's group. `contradict`: photographs of rejected clusters.
     ///
     /// Photographs of rejected clusters, and photographs of small groups other than the first group, are doubtful. If
     /// there are many photographs of rejected clusters ([`FEW`], [`TORN`]), all doubtful photographs form a last group.

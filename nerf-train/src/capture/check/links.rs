@@ -4,7 +4,7 @@ use super::pairs::Pair;
 use crate::capture::sights::Sights;
 use std::collections::BTreeMap;
 
-/// Minimum number of common points that link two photographs; agreement ([`Pair::agrees`]) links them, too.
+/// Minimum number of common points that link two photographs. A pair that agrees ([`Pair::agrees`]) is also linked.
 const LINKED: u32 = 15;
 /// Maximum number of photographs that one point links to each other; further photographs of the point are ignored.
 const MAX_TRACK: usize = 200;

@@ -117,8 +117,8 @@ impl Diagnosis {
         }
     }
 
-    /// Removes the training photographs in `contradicting`. A `group`, counted from 1, also removes the photographs
-    /// outside that group from all splits. Fails, without a change, for a group without training views.
+    /// Removes the training photographs in `contradicting` and, with a `group` (counted from 1), the photographs of all
+    /// splits outside the group. Fails, without a change, if the group does not exist or has no training view.
     pub fn select(&self, dataset: &mut Dataset, group: Option<usize>) -> anyhow::Result<()> {
         if let Some(found) = group {
             let groups = self.groups.len();

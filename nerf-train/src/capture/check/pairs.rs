@@ -6,13 +6,15 @@ use crate::data::{SparsePoint, View};
 use glam::Vec3;
 use rayon::prelude::*;
 
-/// Limits for seeing a point alike: minimum cosine of the angle of the rays (12°), maximum ratio of the distances.
+/// Limits at which two cameras see a point alike: minimum cosine of the angle between their rays (12°), and maximum
+/// ratio of their distances from the point.
 const ALIKE: (f32, f32) = (0.978_147_6, 1.25);
-/// Minimum number of points of one photograph that a second camera must see [alike](ALIKE) to be compared with it.
+/// Minimum number of one photograph's points that a second camera must see [alike](ALIKE) for the pair to be compared.
 const ENOUGH_POINTS: usize = 30;
 /// Minimum number of compared patches of a pair of photographs. Pairs with fewer patches are left out of the check.
 const ENOUGH_PATCHES: usize = 15;
-/// Approximate maximum number of tests for points seen alike. Above it, every N-th point of a photograph is tested.
+/// Approximate maximum number of tests whether two cameras see a point [alike](ALIKE). Above the maximum, only every
+/// N-th point of each photograph is tested.
 const MAX_QUESTIONS: usize = 400_000_000;
 /// Maximum number of points, from each photograph of a pair, around which patches are compared.
 const COMPARED_POINTS: usize = 60;
@@ -51,7 +53,7 @@ struct Compared<'v> {
 }
 
 impl Compared<'_> {
-    /// Returns the points of this photograph that project into the picture of `other` and that both see [alike](ALIKE).
+    /// Returns this photograph's points that project into `other`'s picture and that both cameras see [alike](ALIKE).
     fn seen_alike(&self, other: &Self) -> Vec<Vec3> {
         let [from, to] = [self, other].map(|of| of.view.camera.pose().position);
         let (width, height) = other.view.size();
@@ -94,7 +96,7 @@ impl Compared<'_> {
             .then(|| product / (texture * other_texture.max(f32::MIN_POSITIVE)))
     }
 
-    /// Returns the [correlations](Self::correlation) that exist at up to [`COMPARED_POINTS`] evenly chosen `points`.
+    /// Returns the [correlations](Self::correlation) that exist at up to [`COMPARED_POINTS`] evenly spaced `points`.
     fn correlations(&self, other: &Self, points: &[Vec3]) -> Vec<f32> {
         let step = points.len().div_ceil(COMPARED_POINTS).max(1);
         points.iter().step_by(step).filter_map(|&point| self.correlation(other, point)).collect()

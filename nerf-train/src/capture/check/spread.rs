@@ -10,7 +10,8 @@ const GAP: f32 = 30.0;
 /// Elevation above or below the horizon beyond which a camera has no azimuth, degrees.
 const STEEP: f32 = 75.0;
 
-/// Multiple of the median turn by which the direction between two photographs must turn to jump, besides [`GAP`].
+/// Factor for jumps. The viewing direction jumps between two photographs if it turns by at least [`GAP`] and by at
+/// least this multiple of the median turn.
 const JUMP: f32 = 5.0;
 /// Minimum number of consecutive photographs in a run between jumps; only the last run may be shorter.
 const SHORTEST_RUN: usize = 3;
@@ -23,7 +24,7 @@ pub(super) struct Gap {
     pub between: [usize; 2],
 }
 
-/// Directions of the cameras, seen from the point that all look at. Without such a point, their viewing directions.
+/// Directions of the cameras, seen from their common look-at point or, without such a point, their viewing directions.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Spread {
     /// Whether the cameras look at one point.
@@ -66,7 +67,8 @@ impl Spread {
     }
 }
 
-/// Splits consecutive `views` into runs, which end where the direction jumps ([`JUMP`]) after [`SHORTEST_RUN`] views.
+/// Splits consecutive `views` into runs of indices. A run ends where the viewing direction jumps ([`JUMP`]), once it
+/// has at least [`SHORTEST_RUN`] views.
 pub(super) fn runs(views: &[&View]) -> Vec<Vec<usize>> {
     let ahead = |view: &View| view.camera.pose().forward();
     let turns: Vec<f32> =

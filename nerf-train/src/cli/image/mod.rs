@@ -151,7 +151,7 @@ impl Fit {
         Ok(config)
     }
 
-    /// Returns `config`. With `--max-bytes`, changes the grid so that the file fits, and reports the changed grid.
+    /// Returns `config`. With `--max-bytes`, changes the grid so that the file is small enough, and reports the change.
     fn within_bytes(&self, config: FieldConfig, photo: &Photo, global: &Global) -> Result<FieldConfig> {
         let Some(max_bytes) = self.max_bytes else { return Ok(config) };
         let (size, name) = (photo.size(), &photo.name);

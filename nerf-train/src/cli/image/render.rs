@@ -80,7 +80,8 @@ impl Render {
         global.finish(&summary)
     }
 
-    /// Returns width and height, pixels: by the flags, else the trained image's. One flag keeps the aspect ratio.
+    /// Returns width and height, pixels, as set by the flags. Without flags, returns the size of the trained image.
+    /// With one flag, keeps the aspect ratio.
     fn size(&self, facts: PictureFacts) -> [u32; 2] {
         let along = |side: u32, of: u32, to: u32| {
             // Rounded, at least 1. The result fits u32, since `side` and `to` are below 2^16.

@@ -146,7 +146,7 @@ impl DataOptions {
         Ok((dataset, watch.set_aside()))
     }
 
-    /// Reads a data set as [`Self::read_given_for`] does, with the refined poses stored next to the scene file `file`.
+    /// Reads a data set as [`Self::read_given_for`] does. Uses the refined poses next to the scene file `file`, if any.
     pub fn read_for(
         &self,
         path: &Path,

@@ -103,8 +103,9 @@ impl TableSettings {
     }
 }
 
-/// Memory per feature of a grid's tables, bytes. Training takes 22: five f32 (feature, gradient, Adam's moments,
-/// average) and an f16 copy for export. A checkpoint takes 60 more: a copy of the five and two serialised copies.
+/// Memory per feature of a grid's tables, bytes. Training takes 22: five f32 values (feature, gradient, two moments of
+/// Adam, average) and an f16 copy for export. A checkpoint takes 60 more: a copy of the five values (20), and two
+/// serialised copies (40).
 const BYTES_PER_VALUE: u64 = 82;
 
 pub fn check_memory(grid: &GridEncoding) -> anyhow::Result<()> {

@@ -162,7 +162,8 @@ fn view_of(render: &Render, data: &Path, blob: &Blob<'_>, global: &Global) -> an
     Ok(resized(render, &camera, size_for(render, &camera))?)
 }
 
-/// Returns width and height, pixels, as set by the flags; `camera`'s by default. One flag keeps the aspect ratio.
+/// Returns width and height, pixels, as set by the flags. Without flags, returns the size of `camera`'s image. With one
+/// flag, keeps the aspect ratio.
 fn size_for(render: &Render, camera: &Camera) -> (u32, u32) {
     let size = camera.intrinsics();
     size_of(render, (size.width, size.height))

@@ -115,7 +115,8 @@ pub(super) fn claims(render: &Render, target: &Target) -> Claims {
     })
 }
 
-/// Returns the part of the frames that this process renders: for a folder of frames, by `--shard` or an array job.
+/// Returns the part of the frames that this process renders. For a folder of frames, `--shard` or the index of an array
+/// job selects the part. Otherwise, the part is all frames, and `--shard` is an error.
 pub(super) fn part(render: &Render, target: &Target, global: &Global) -> anyhow::Result<Shard> {
     match target {
         Target::Frames => render.shard.choose(global),

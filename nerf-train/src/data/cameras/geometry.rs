@@ -40,7 +40,8 @@ impl LookAt {
         Self::of_lines(&cameras.iter().map(line).collect::<Vec<_>>())
     }
 
-    /// Finds the look-at point of at least two `lines` (position, unit direction); `None` if they are nearly parallel.
+    /// Finds the look-at point of `lines` (position, unit direction); `None` for fewer than two lines or nearly
+    /// parallel lines.
     pub(crate) fn of_lines(lines: &[(DVec3, DVec3)]) -> Option<Self> {
         if lines.len() < 2 {
             return None;
@@ -157,7 +158,8 @@ pub struct SceneBounds {
 /// `far` is the sum of the largest and the mean distance, minus half the smallest distance.
 ///
 /// The box is a cube around the look-at point; its half side is the mean distance minus `near`. If the look-at point is
-/// uncertain ([`LookAt::places_the_scene`]), or the mean distance at most `near`, the box holds all frusta instead.
+/// uncertain ([`LookAt::places_the_scene`]), or if the mean distance is at most `near`, the box encloses all view
+/// frusta from `near` to `far`.
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)
@@ -211,8 +213,8 @@ pub fn frusta_box(cameras: &[Camera], near: f32, far: f32) -> Result<SceneBox, B
 
 /// Smallest number of sparse points from which a near distance is estimated.
 const ENOUGH_POINTS: usize = 50;
-/// Quantile and factor for a view's near distance: the quantile of the distances from the camera to the sparse points
-/// in view, which skips outliers, times the factor, which allows for surfaces nearer than all points.
+/// Quantile and factor for the near distance of a view, which is the quantile of the distances from the camera to the
+/// sparse points in view, times the factor. The quantile skips outliers; the factor allows for nearer surfaces.
 const ONE_VIEW: (f32, f32) = (0.01, 0.7);
 
 pub(crate) fn set_near(dataset: &mut Dataset) {
@@ -233,7 +235,8 @@ pub(crate) fn distances(view: &View, points: &[SparsePoint]) -> Vec<f32> {
     points.iter().filter_map(distance).collect()
 }
 
-/// Estimates a near or far distance: `share` times the quantile `in_front` (0..1) of at least 50 `distances`.
+/// Estimates a near or far distance: the quantile `in_front` (0..1) of `distances`, times `share`. `None` for fewer
+/// than 50 distances.
 pub(crate) fn begin(mut distances: Vec<f32>, (in_front, share): (f32, f32)) -> Option<f32> {
     if distances.len() < ENOUGH_POINTS {
         return None;

@@ -2,8 +2,9 @@
 
 use glam::DVec3;
 
-/// Maximum distance between the origin and the middle of the cameras' bounding box, in half sides of the box, up to
-/// which the origin stays. At the maximum, f32 rounds positions to 4e-6 of the half side, about 1/100 pixel.
+/// Maximum distance between the origin and the middle of the cameras' bounding box, in units of half the box's longest
+/// side. Beyond this distance, the origin is moved. At the maximum, f32 rounds positions to 4e-6 of the half side,
+/// about a hundredth of a pixel.
 const FAR_AWAY: f64 = 64.0;
 
 /// Start of the suffix that states a moved origin's coordinates in a data set's name.

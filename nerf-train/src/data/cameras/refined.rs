@@ -36,7 +36,8 @@ pub fn beside(blob: &Path) -> PathBuf {
 }
 
 impl RefinedPoses {
-    /// Collects pairs of a view and its refined camera. `origin`: the cameras' origin, in the world of the files.
+    /// Collects pairs of a view and its refined camera. `origin`: origin of the cameras' coordinates, in the world of
+    /// the data set's files.
     pub fn of<'v>(views: impl IntoIterator<Item = (&'v View, Camera)>, origin: [f64; 3]) -> Self {
         Self { frames: views.into_iter().map(|(view, camera)| Frame::of(view, &camera, origin)).collect() }
     }

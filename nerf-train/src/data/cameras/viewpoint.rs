@@ -8,7 +8,8 @@ use nerf_core::blob::Viewpoint;
 use nerf_core::camera::{Camera, Pose};
 use std::f32::consts::TAU;
 
-/// Fraction of the cameras' azimuths that the shortest arc contains, from which a viewer's orbit range is derived.
+/// Fraction of the cameras' azimuths in the arc from which a viewer's orbit range is derived. The arc is the shortest
+/// that contains this fraction.
 const MOST: f32 = 0.95;
 /// Two thirds of a circle, radians. If the cameras' azimuths span at least this, a viewer may orbit the full circle.
 const ROUND: f32 = 2.0 / 3.0 * TAU;
@@ -129,7 +130,8 @@ fn level(horizons: &[DVec3]) -> Option<DVec3> {
     let least = smallest_eigenvalue(m);
     let rest = m - DMat3::from_diagonal(DVec3::splat(least));
     let (x, y, z) = (rest.x_axis, rest.y_axis, rest.z_axis);
-    // Columns of the adjugate of `rest`: the normal's outer product with itself, times the other two eigenvalues.
+    // Columns of the adjugate of `rest`: the outer product of the normal with itself, times the product of the two
+    // eigenvalues other than 0.
     let normals = [y.cross(z), z.cross(x), x.cross(y)];
     let product = normals[0].x + normals[1].y + normals[2].z;
     let half = 0.5 * (x.x + y.y + z.z);

@@ -19,7 +19,7 @@ const POINT_EVERY: usize = 9;
 /// Interval between the photographs from which sparse points are made; 1 would use all photographs.
 const VIEW_EVERY: usize = 3;
 
-/// One photograph: its camera in the data set, the camera that took it, and the turn between them, radians.
+/// One photograph: camera in the data set, camera that took it, and angle between the two around the scene, radians.
 struct Shot {
     pose: Camera,
     taken: Camera,
@@ -27,8 +27,8 @@ struct Shot {
 }
 
 impl Shot {
-    /// Returns the position, pixels, at which this photograph shows a sparse point; `None` if the point is hidden or
-    /// outside, or was made from a photograph of another [`turn`](Shot::turn).
+    /// Returns the position, pixels, at which this photograph shows a sparse point. `None` if the point is hidden or
+    /// outside the picture, or if it was made from a photograph of another [`turn`](Shot::turn).
     fn shows(&self, position: Vec3, turn: f32) -> Option<(f32, f32)> {
         let (x, y) = self.pose.project(position)?;
         let inside = |v: f32| v > 1.0 && v < SIZE as f32 - 1.0;

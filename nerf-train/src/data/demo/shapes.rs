@@ -134,7 +134,7 @@ impl Shape {
         (middle + half > 0.0).then_some(((middle - half).max(0.0), middle + half))
     }
 
-    /// Returns the distance, world units, to a ray's first hit before `limit`. `origin` must be outside of the shape.
+    /// Returns the distance, world units, to a ray's first hit before `limit`, if any. `origin` must be outside.
     fn hit(&self, origin: DVec3, dir: DVec3, limit: f64) -> Option<f64> {
         const STEPS: usize = 400;
         const CLOSE: f64 = 1e-8;

@@ -105,7 +105,7 @@ impl Folders {
         self.by_factor.values().map(name).collect::<Vec<_>>().join(", ")
     }
 
-    /// Finds the mask of photograph `name`, if any: for `a.jpg`, the first of `masks/a.jpg.png`, `a.png` and `a.jpg`.
+    /// Finds the mask of photograph `name`, if any: for `a.jpg`, the first of `a.jpg.png`, `a.png`, `a.jpg` in `masks`.
     pub(crate) fn mask(&self, name: &str) -> Option<PathBuf> {
         let folder = self.root.join(MASKS);
         let appended = folder.join(format!("{name}.png"));

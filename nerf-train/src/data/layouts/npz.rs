@@ -85,7 +85,8 @@ impl Archive {
         }
     }
 
-    /// Reads the array `key` as camera-to-world matrices, `[n, 3, 4]` or `[n, 4, 4]` with 0 0 0 1 as last row.
+    /// Reads the array `key` as row-major camera-to-world matrices. Its shape must be `[n, 3, 4]` or `[n, 4, 4]`. A
+    /// fourth row must be 0 0 0 1, and is not returned.
     pub(crate) fn matrices(&mut self, key: &str) -> Result<Vec<[[f64; 4]; 3]>, DatasetError> {
         let array = self.array(key)?;
         let &[_, rows @ (3 | 4), 4] = array.shape.as_slice() else {
@@ -159,8 +160,9 @@ fn read_array(stream: &mut impl Read, file: &Path, key: &str, limit: u64) -> Res
 }
 
 impl Array {
-    /// Returns the display values of `count` elements from `start` on, as bytes. u8 elements are unchanged; floats are
-    /// scaled by 255 and rounded. `Some(Err(value))`: a float is not in [0, 1] ± 0.01. `None`: another dtype.
+    /// Returns the display values of `count` elements from index `start` on, as bytes. Elements of type u8 are
+    /// unchanged; floats are scaled by 255 and rounded. `Some(Err(value))` if a float is NaN or outside [0, 1] by more
+    /// than 0.01. `None` for another dtype.
     pub(crate) fn display_bytes(&self, start: usize, count: usize) -> Option<Result<Vec<u8>, f64>> {
         let size = self.dtype.size;
         let bytes = &self.data[start * size..(start + count) * size];

@@ -53,7 +53,8 @@ impl Tiff<'_> {
         self.array(at).map(u16::from_le_bytes)
     }
 
-    /// Reads the number at byte offset `at`; `None` beyond the data, or from 2^30 on: sums of offsets cannot overflow.
+    /// Reads the number at byte offset `at`; `None` beyond the data. A number of 2^30 or more also gives `None`, so
+    /// that sums of offsets cannot overflow.
     fn u32(&self, at: u32) -> Option<u32> {
         self.array(at).map(u32::from_le_bytes).filter(|&value| value < 1 << 30)
     }

@@ -1,4 +1,5 @@
-//! Decoding of pictures of a stated size, and search for their files. EXIF orientation applies if the size then fits.
+//! Decoding of pictures with a stated size, and search for picture files. The EXIF orientation is applied only if the
+//! picture then fits the stated size.
 
 use crate::data::DatasetError;
 use crate::data::pictures::decode::{DecodeError, FORMATS, decode_of};

@@ -70,7 +70,7 @@ pub(crate) struct Source<'a> {
 
 impl Source<'_> {
     /// Decodes a photograph and makes its camera. Fails if the picture does not have the stated aspect ratio. `optics`
-    /// returns the intrinsics for the stated width and height, or the file's, and adds notes.
+    /// returns the intrinsics for the stated width and height (the file's if not stated), and adds notes.
     pub(crate) fn load(
         &self,
         photo: Photo<'_>,
@@ -93,7 +93,7 @@ impl Source<'_> {
             let side = |side: f64| (side / factor).round().clamp(1.0, 65_535.0) as u32;
             (side(w), side(h))
         });
-        // Pictures are never enlarged. One pixel too many is kept: programs that write smaller copies round otherwise.
+        // Pictures are never enlarged. One pixel too many is kept: programs that make smaller copies round differently.
         let larger = found.0 > width + 1 || found.1 > height + 1;
         let (width, height) = if larger { (width.min(found.0), height.min(found.1)) } else { found };
         if (w, h) != own && !photo.reduced {

@@ -19,7 +19,7 @@ const QUALITY: u8 = 85;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Thumbnail(pub Picture);
 
-/// Returns the longest side of thumbnails, 16 to 400 pixels, at which `count` thumbnails fit the pixel budget.
+/// Returns the longest side of thumbnails, 16 to 400 pixels, with which `count` fit the pixel budget if possible.
 pub fn side_for(count: usize) -> usize {
     ((PIXEL_BUDGET / count.max(1)) as f64).sqrt().floor().clamp(SMALLEST as f64, LARGEST as f64) as usize
 }

@@ -7,7 +7,7 @@ use std::fmt;
 
 /// Minimum fraction of photographs that have poses. Below it, a reconstruction is torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// Minimum number of photographs that a smaller reconstruction has and a torn largest one lacks.
+/// Number of photographs that a smaller reconstruction has and the largest lacks, from which on the largest is torn.
 const OTHERS: usize = 3;
 
 /// Fault of a reconstruction: missing photographs, or photographs with wrong poses.
@@ -27,7 +27,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// Finds the fault of `model`, if any. `photographs`: number given to COLMAP. `folded`: groups, if it is folded.
+    /// Finds the fault of `model`, if any. `photographs`: number given to COLMAP. `folded`: groups of a folded model.
     pub(super) fn of(model: &Facts, photographs: usize, folded: Option<Vec<Vec<String>>>) -> Option<Self> {
         if let Some(groups) = folded {
             return Some(Self::Folded { groups });

@@ -163,7 +163,7 @@ impl Session<'_, '_> {
         Ok((picture, psnr_db))
     }
 
-    /// Estimates the seconds that rendering the whole picture takes, by timing an eighth of its width and height.
+    /// Estimates the seconds to render the whole picture, by a rendering at an eighth of its width and height.
     fn evaluation_seconds(&self) -> anyhow::Result<f64> {
         const SMALLER: u32 = 8;
         let size = self.photo.size();

@@ -1,4 +1,5 @@
-//! Combinations of several knobs that are worth rendering, predicted from measurements of single knobs.
+//! Combinations of several knobs, which are settings that trade accuracy for time. The combinations worth rendering are
+//! predicted from measurements of single knobs.
 
 use super::front::{Price, pareto, thin};
 use super::knobs::{KNOBS, Knob};

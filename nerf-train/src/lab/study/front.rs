@@ -3,7 +3,7 @@
 /// Loss of PSNR and cost of rendering at one point, which is one choice of settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Price {
-    /// PSNR lost against the exact rendering or, in `combine`, the base settings, dB; negative for a gain.
+    /// PSNR, dB, lost against the exact rendering or, in the module `combine`, the base settings; negative for a gain.
     pub loss_db: f64,
     /// Render time or multiply-adds, absolute or as a ratio; above 0.
     pub cost: f64,
@@ -41,7 +41,8 @@ pub fn pareto(points: &[Price]) -> Vec<usize> {
 
 /// Returns at most `most` indices of the Pareto front `front`, which is sorted by falling cost; its two ends are kept.
 ///
-/// Repeatedly removes the inner point with the least (next cheaper loss − own loss) · ln(next dearer cost / own cost).
+/// Repeatedly removes the inner point with the least product of two factors: (loss of the next cheaper point − own
+/// loss) and ln(cost of the next more expensive point / own cost).
 pub fn thin(points: &[Price], front: &[usize], most: usize) -> Vec<usize> {
     let mut front = front.to_vec();
     while front.len() > most.max(2) {

@@ -1,4 +1,5 @@
-//! Passes of a study. A pass renders points (choices of settings) on views. Times are measured on the timing views.
+//! Passes of a study. A pass renders points (choices of settings) on views. Times are measured on a few of the views,
+//! the timing views, which every pass renders.
 //!
 //! ```text
 //! pass 1   every view:      exact, base, each knob on its own        slow settings on the timing views only
@@ -10,7 +11,8 @@
 //! the blob. If the blob has no grid, only the timing views are rendered.
 //!
 //! A pass renders all points on one view before the next view, so that a machine that slows down slows all points.
-//! After pass 1, their order changes from view to view. Errors come from a point's first rendering of a view.
+//! After pass 1, the order of the points changes from view to view. Errors come from a point's first rendering of a
+//! view, times from all renderings of the timing views.
 
 use super::combine::{Choices, combinations};
 use super::front::{Price, cheapest_within, pareto, thin};
@@ -33,7 +35,7 @@ pub const BLOB_LOSS_DB: f64 = 3.0;
 /// Loss of PSNR against the exact rendering, dB, up to which a point of a blob's Pareto front must not march in longer
 /// steps than training did. The reason is that the loss from longer steps differs from view to view.
 pub const TRAINED_STEP_LOSS_DB: f32 = Preset::Balanced.loss_db();
-/// Maximum number of combinations of all knobs; also of those of only the knobs that a blob stores.
+/// Maximum number of combinations of all knobs, and maximum number of combinations of the knobs that a blob stores.
 const COMBINATIONS: usize = 12;
 /// Side of the square in which the exact rendering is compared with the portable kernel, pixels.
 const ORACLE_SIDE: u32 = 16;
@@ -329,7 +331,8 @@ impl<'a, 'b> Study<'a, 'b> {
         front.into_iter().map(point).collect()
     }
 
-    /// Returns the index of the fastest point that `keep` accepts and that loses at most `loss_db` dB against exact.
+    /// Returns the index of the fastest point that `keep` accepts and that loses at most `loss_db` dB against the exact
+    /// rendering; `None` if no point does.
     pub fn cheapest(&self, loss_db: f64, keep: impl Fn(&Point) -> bool) -> Option<usize> {
         let mut times = self.times();
         for (price, point) in times.iter_mut().zip(&self.points) {

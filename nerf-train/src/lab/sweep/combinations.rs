@@ -28,7 +28,7 @@ pub enum Knob {
 }
 
 impl Knob {
-    /// Returns the flag, the axis label in plots, and the name of the only encoding that has the setting, if not all.
+    /// Returns the flag, the axis label in plots, and the only encoding that has the setting (`None`: all have it).
     fn row(self) -> (&'static str, &'static str, Option<&'static str>) {
         match self {
             Self::Levels => ("levels", "levels L of the encoding", Some(SINUSOIDAL)),

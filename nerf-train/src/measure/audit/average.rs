@@ -52,7 +52,7 @@ pub fn mean_encoding(encoding: &DirectionEncoding, views: &[&View]) -> Option<Ve
 /// Returns architecture and parameters without view dependence; `None` if colour does not depend on the direction.
 ///
 /// The encoded direction PE(d) is replaced by `mean`: the product of PE(d)'s weights and `mean` is added to the biases,
-/// in f64. If all weights of PE(d) are 0, colours stay exactly the same.
+/// in f64. Parameters are in the order of a scene file's weights. If all weights of PE(d) are 0, colours do not change.
 pub fn without_direction(
     architecture: &Architecture,
     parameters: &[f32],

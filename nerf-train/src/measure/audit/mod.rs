@@ -236,7 +236,8 @@ pub enum EffectSummary {
 }
 
 impl Summary {
-    /// Returns the summary of an audit. `split`: its name. `views`: number of views. `background`: of the scene.
+    /// Returns the summary of an audit. `split`: name of the split. `views`: number of views. `background`: background
+    /// colour of the scene.
     pub fn of(
         audit: &Audit,
         threshold_db: f64,

@@ -55,7 +55,7 @@ pub struct Clocked {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
     pub workspace: usize,
-    /// Bytes of memory, shared by all threads, for values that the kernel cannot read directly from the blob.
+    /// Bytes of memory, shared by all threads, for unpacked values, which the kernel cannot read from the blob.
     pub prepared: usize,
     pub file: usize,
 }

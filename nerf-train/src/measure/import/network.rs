@@ -15,7 +15,7 @@ use std::iter::once;
 /// Encoding of the direction (`None`: colour does not depend on it), and widths of the hidden colour layers.
 type ColourBranch = (Option<SinusoidalEncoding>, heapless::Vec<u16, MAX_COLOUR>);
 
-/// Imported network in this project's order of layers and channels, with a separate linear feature layer.
+/// Imported network in this project's order of layers and channels. The linear feature layer is still separate.
 #[derive(Clone, Debug)]
 pub struct Imported {
     pub model: Model,
@@ -183,7 +183,7 @@ impl<'t> Reader<'t> {
         self.linear(layer, &expected, |rows, found| outputs.contains(&rows) && found == inputs)
     }
 
-    /// Reads the layer named `layer`. `fits(rows, columns)`: whether its shape is right; `expected`: for the error.
+    /// Reads the layer `layer`. `fits(rows, columns)`: whether the weight's shape is right; `expected`: right shape.
     fn linear(
         &mut self,
         layer: &str,
@@ -269,7 +269,8 @@ impl<'t> Reader<'t> {
         self.parameters.extend_from_slice(&layer.bias[rows]);
     }
 
-    /// Appends row `row` of `layer` as density head, with this order of columns and the bias of the model's activation.
+    /// Appends row `row` of `layer` as density head, with columns in the order of `columns`, and adapts the bias to the
+    /// model's density activation.
     fn put_density(&mut self, layer: Linear<'_>, row: usize, columns: &[usize]) {
         self.put(layer, row..row + 1, columns);
         if self.settings.density == RawDensity::Softplus

@@ -38,7 +38,8 @@ pub fn psnr_db(a: &[[f32; 3]], b: &[[f32; 3]]) -> f64 {
     psnr_db_of_mse(mse(a, b))
 }
 
-/// Returns the PSNR, dB, after each channel of `shown` is multiplied by its least-squares gain and clamped to 1.
+/// Returns the PSNR, dB, after each channel of `shown` is multiplied by the gain that brings it nearest to `truth`
+/// (least squares), and clamped to 1.
 pub fn aligned_psnr_db(shown: &[[f32; 3]], truth: &[[f32; 3]]) -> f64 {
     let gain: [f32; 3] = std::array::from_fn(|c| {
         let products = |other: &[[f32; 3]]| -> f64 {

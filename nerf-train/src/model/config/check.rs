@@ -27,7 +27,8 @@ pub struct ConfigError {
 }
 
 impl ConfigError {
-    /// Returns the error for settings of a 2D field, whose names lack a prefix: `network.grid.levels` is `grid.levels`.
+    /// Returns the error for the settings of a 2D field, whose names lack the prefix `network.`: `network.grid.levels`
+    /// becomes `grid.levels`.
     pub(crate) fn of_picture(self) -> Self {
         Self { field: self.field.trim_start_matches("network."), ..self }
     }

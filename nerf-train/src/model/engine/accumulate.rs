@@ -27,8 +27,9 @@ impl LayerSum {
         self.touched = false;
     }
 
-    /// Adds the gradient of a chunk: the product of `dy`, `[blocks][outputs][BLOCK]`, and the layer's transposed
-    /// inputs, `[main, extra, 1]`. `slots`: activation buffers with the layer's inputs. `transposed`: scratch buffer.
+    /// Adds the gradient of a chunk: the product of `dy` and the layer's transposed inputs, `[main, extra, 1]`. `dy`:
+    /// gradient with respect to the layer's outputs, `[blocks][outputs][BLOCK]`. `slots`: activation buffers, including
+    /// those of the layer's inputs. `transposed`: scratch buffer.
     pub(super) fn add(
         &mut self,
         isa: Isa,
@@ -108,7 +109,8 @@ fn add_all<'a>(out: &mut [f32], rows: impl Iterator<Item = &'a [f32]>) {
     }
 }
 
-/// Computes, or adds if `add`, `gradient[o][i] = Σ_s dy[o][s] x[i][s]` over `lanes` samples; `columns`: row length.
+/// Computes `gradient[o][i] = Σ_s dy[o][s] x[i][s]` over the first `lanes` samples `s` of a block. If `add`, adds the
+/// sum to the old `gradient`. `columns`: length of a row of `gradient`.
 fn add_dots(gradient: &mut [f32], columns: usize, dy: &[f32], x: &[f32], lanes: usize, add: bool) {
     for (row, dy) in gradient.chunks_exact_mut(columns).zip(dy.chunks_exact(BLOCK)) {
         for (g, x) in row.iter_mut().zip(x.chunks_exact(BLOCK)) {

@@ -26,7 +26,7 @@ pub struct BatchRay {
 /// Known surface of a ray, for depth supervision.
 ///
 /// The depth loss of the ray is `weight · (Σ_i w_i min(|along_i − at|, CLIP) + T_end · CLIP)`. `w_i`: compositing
-/// weight of sample `i`; `along_i`: its entry in [`Batch::along`]; `T_end`: transmittance at the end.
+/// weight of sample `i`; `along_i`: its entry in [`Batch::along`]; `T_end`: transmittance after the last sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Position of the surface along the ray: 0 at the near end of the sampled interval, 1 at its far end.
@@ -217,8 +217,8 @@ pub(super) enum Chunk {
     Empty(Range<usize>),
 }
 
-/// Fills `chunks` with parts of the batch of about equal size, in order. Their number is even if possible, so that two
-/// threads finish together. A chunk with `most` samples gets no further rays, except to complete a line.
+/// Fills `chunks` with parts of the batch of about equal size, in order. The number of parts is even if possible: two
+/// threads then finish together. A chunk with `most` samples gets no further rays, except to complete a line.
 pub(super) fn cut(batch: &Batch, most: usize, chunks: &mut Vec<Chunk>) {
     chunks.clear();
     let total = batch.positions.len();

@@ -79,7 +79,8 @@ pub(super) fn block_of_mut(slot: &mut [f32], channels: usize, block: usize) -> &
 }
 
 impl Node {
-    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`, from all `parameters` and its inputs in `slots`.
+    /// Computes the layer's outputs `out`, `[blocks][outputs][BLOCK]`. `parameters`: parameters of all layers; `slots`:
+    /// activation buffers, including those of the layer's inputs.
     pub(super) fn forward(
         &self,
         isa: Isa,
@@ -143,7 +144,8 @@ pub(super) fn mask_relu(dy: &mut [f32], y: &[f32], channels: usize, samples: usi
     }
 }
 
-/// Encodes the first `encoding.inputs` coordinates of up to [`BLOCK`] points, else the origin, into `[outputs][BLOCK]`.
+/// Encodes the first `encoding.inputs` coordinates of up to [`BLOCK`] points into `out`, `[outputs][BLOCK]`. Lanes
+/// without a point encode the origin.
 pub(super) fn encode_points<'a>(
     isa: Isa,
     encoding: &SinusoidalEncoding,

@@ -115,8 +115,8 @@ pub enum EngineKind {
 }
 
 /// Creates an engine of this kind that trains `model`. `bounds`: the box that the model's grid spans, if it has one.
-/// Fails with [`EngineError::Model`] for an invalid model, with [`EngineError::NotPlain`] for a grid that grid engines
-/// cannot train, with [`EngineError::NoDensity`] for a 2D field with a grid in [`EngineKind::Dfdx`].
+/// Fails with [`EngineError::Model`] for an invalid model, with [`EngineError::NotPlain`] for a grid that the engines
+/// for grids cannot train, with [`EngineError::NoDensity`] if [`EngineKind::Dfdx`] is to train a 2D field with a grid.
 pub fn engine_for(
     kind: EngineKind,
     model: &Model,
@@ -173,7 +173,7 @@ pub trait Engine: Send {
         &[]
     }
 
-    /// Returns the last batch's gradient with respect to each of `views` photographs' log gain; 0 for one without rays.
+    /// Returns the last batch's gradient with respect to the log gain of each of `views` photographs; 0 without rays.
     fn gain_gradients(&self, views: usize) -> Vec<[f32; 3]> {
         vec![[0.0; 3]; views]
     }
@@ -209,8 +209,9 @@ pub trait Engine: Send {
     /// Returns the state for a checkpoint. A run resumed from it is bit-identical to a run that never stopped.
     fn state(&self) -> OptimiserState;
 
-    /// Resumes from the state of a checkpoint. Fails without a change: [`EngineError::Parameters`],
-    /// [`EngineError::Steps`], or [`EngineError::NonFinite`] for a value that is not finite or has the wrong sign.
+    /// Resumes from the state of a checkpoint. Fails without a change: with [`EngineError::Parameters`] for a model of
+    /// another size, with [`EngineError::NonFinite`] if a value is not finite or has the wrong sign, with
+    /// [`EngineError::Steps`] for too many steps.
     fn restore(&mut self, state: &OptimiserState) -> Result<(), EngineError>;
 }
 

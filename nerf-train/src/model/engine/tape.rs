@@ -77,7 +77,8 @@ pub(super) fn add(to: &mut [f32], values: &[f32]) {
     to.iter_mut().zip(values).for_each(|(to, value)| *to += value);
 }
 
-/// Arrangement of samples, ray after ray, as a matrix, `[rays][longest]`, with each ray's row padded to the longest.
+/// Arrangement of a list of samples as a matrix, `[rays][longest]`. Each ray has one row, padded to the number of
+/// samples of the longest ray. The list holds the samples ray after ray.
 pub(super) struct Rows {
     device: Cpu,
     shape: (usize, usize),
@@ -112,7 +113,8 @@ impl Rows {
         Ok(values.try_gather(self.index.clone())?.try_reshape_like(&self.shape)?)
     }
 
-    /// Returns `Σ_i weight_i value_i` of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0 after the last.
+    /// Returns `Σ_i weight_i value_i` over the samples of each ray, `[rays][channels]`. `weights`: `[rays][longest]`, 0
+    /// after a ray's last sample; `values`: `[samples][channels]`.
     pub(super) fn sums(
         &self,
         weights: Matrix<Taped>,
@@ -143,7 +145,8 @@ impl Rows {
     }
 }
 
-/// Composites over `background`, `[rays][3]`. `shown`: Σ weight · colour, `[rays][3]`; `transmittance`: at a ray's end.
+/// Composites colours over `background`, `[rays][3]`. `shown`: Σ weight · colour of each ray, `[rays][3]`;
+/// `transmittance`: transmittance at the end of each ray.
 pub(super) fn over(
     shown: Matrix<Taped>,
     transmittance: Vector<Taped>,

@@ -23,7 +23,8 @@ fn colour_index(sample: usize) -> usize {
     sample / BLOCK * 3 * BLOCK + sample % BLOCK
 }
 
-/// Returns the sum over rays and channels of (rendered C − rgb)², and writes gradients of `scale` times it, the loss L.
+/// Returns the sum over rays and channels of (C − rgb)², for rendered colours C and target colours rgb. Writes the
+/// gradients of the loss L, which is `scale` times the sum.
 ///
 /// For sample `i` and channel `k`, with `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta: `dL/dc_ik = g_k w_i`,
 /// `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`, where `bg` is the background.

@@ -97,7 +97,7 @@ fn cut(colours: &[Counted]) -> Vec<Vec<Counted>> {
     sets.into_iter().map(|set| set.colours).collect()
 }
 
-/// Returns a set's palette entry: a colour of over half of the set's pixels, for flat backgrounds, or else the mean.
+/// Returns a set's palette entry: the colour of over half its pixels, which keeps flat backgrounds exact, or the mean.
 fn representative(set: &[Counted]) -> [u8; 3] {
     let total: u64 = set.iter().map(|c| u64::from(c.1)).sum();
     if let Some(main) = set.iter().find(|c| 2 * u64::from(c.1) > total) {

@@ -59,7 +59,8 @@ pub(super) struct Drawer<'a> {
 }
 
 impl Drawer<'_> {
-    /// Returns the first `count` rays of a step on `views`, and facts. `first`: index in the scene of the first camera.
+    /// Returns the first `count` rays of a step on `views`, and facts such as the step's numbers of rays, bins and
+    /// samples. `first`: index in the scene of the first view's camera.
     ///
     /// `whole`: whether the step has as many rays as in training. If false, the step has only `count` rays.
     pub(super) fn draw(

@@ -86,7 +86,8 @@ fn widened(low: f32, high: f32) -> (f32, f32) {
     (low - margin, high + margin)
 }
 
-/// Returns the range of a picture's colours: a finite `range`, otherwise [`robust_range`] or, without values, 0 to 1.
+/// Returns the range of a distance picture's colours: `range` if it is given and finite, otherwise [`robust_range`]. If
+/// no pixel has a value, the range is 0 to 1.
 fn settle_range(values: &[f32], opacity: &[f32], range: Option<(f32, f32)>) -> (f32, f32) {
     match range {
         Some((low, high)) if low.is_finite() && high.is_finite() => widened(low, high),
@@ -132,7 +133,8 @@ fn depth_picture(
 
 /// Draws normals: a unit normal (x, y, z) gets red (x + 1) / 2, green (y + 1) / 2 and blue (z + 1) / 2.
 ///
-/// `normals` (unit length, world axes), `opacity`: `[height * width]`. [`EMPTY`]: opacity ≤ 0.5, or a normal of 0.
+/// `normals` (unit length, world axes), `opacity`: `[height * width]`. Pixels of opacity ≤ 0.5, or whose normal is 0,
+/// are [`EMPTY`].
 pub fn normal_picture(normals: &[[f32; 3]], opacity: &[f32], width: usize, height: usize) -> Result<Picture> {
     check_length("the normals of a picture", width, height, normals.len())?;
     check_length("the opacity of a picture", width, height, opacity.len())?;

@@ -32,7 +32,8 @@ pub(super) struct OpticalDepth {
 
 impl OpticalDepth {
     /// Sums optical depths over all slices. `cells`: [`Lattice::cell_depths`] of each slice. `decay`: number of cells
-    /// over which a sum falls by about e, or infinite. With decay, surfaces are visible from free space inside the box.
+    /// over which a sum falls by a factor of about e; infinite: no decay. With decay, surfaces are visible from free
+    /// space inside of the box, too.
     pub(super) fn new(lattice: &Lattice, cells: &[Vec<f16>], decay: f32) -> Self {
         let slices = cells.iter().map(|slice| vec![[u16::MAX; 3]; slice.len()]).collect();
         let (mut depths, keep) = (Self { slices }, 1.0 - 1.0 / decay);
@@ -52,7 +53,8 @@ impl OpticalDepth {
         self.slices[z].iter().map(|least| level(depth(least) / LN_2)).collect()
     }
 
-    /// Sums optical depths along eight directions within slices. `keep`: factor per cell of path; 1 without decay.
+    /// Sums optical depths along the eight directions within each slice. `keep`: factor on a sum for each cell of path
+    /// length; 1 without decay.
     fn within_slices(&mut self, lattice: &Lattice, cells: &[Vec<f16>], keep: f32) {
         let [width, height] = lattice.corners();
         self.slices.par_iter_mut().zip(cells).for_each(|(least, cells)| {

@@ -238,8 +238,9 @@ impl LinePlot {
         Ok(top)
     }
 
-    /// Draws the notes at the bottom, with a further one on `left_out` points if above 0. `top`: first row of pixels
-    /// below the title. Returns the row of pixels at which the space for the chart ends.
+    /// Draws the notes at the bottom. `left_out`: number of points that the plot leaves out; if it is above 0, a
+    /// further note states it. `top`: first row of pixels below the title. Returns the row of pixels at which the space
+    /// for the chart ends.
     fn draw_notes<DB: DrawingBackend>(
         &self,
         root: &DrawingArea<DB, Shift>,

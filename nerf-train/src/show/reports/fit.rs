@@ -101,8 +101,9 @@ pub fn write_snapshots(folder: &Path, outcome: &Outcome, dataset: &Dataset) -> a
     Ok(())
 }
 
-/// Makes a contact sheet with a row per view, a column per step, and a last column of ground truth over `background`;
-/// `None` without snapshots. Their pictures are read from `folder`; a missing one becomes a grey cell.
+/// Makes a contact sheet with a row per view, a column per step, and a last column of ground truth over `background`.
+/// Returns `None` without snapshots. The snapshots' pictures are read from `folder`, including pictures saved before a
+/// resume. A missing picture becomes a grey cell.
 fn sheet(
     title: &str,
     folder: &Path,

@@ -13,7 +13,7 @@ use serde::{Serialize, Serializer};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Largest number of curves in a plot that can be told apart. Beyond it, one or two curves combine all runs.
+/// Largest number of curves in a plot; more could not be told apart. Beyond it, one or two curves combine all runs.
 const MAX_SERIES: usize = 7;
 /// Longest side of a picture on the contact sheet, pixels.
 const THUMBNAIL: usize = 256;

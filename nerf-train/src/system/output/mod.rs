@@ -205,8 +205,9 @@ pub fn write_atomic(path: impl AsRef<Path>, bytes: &[u8]) -> Result<(), OutputEr
 
 /// Writes `bytes` to `path`, whole, unless a file of that name exists. Returns whether the file was written.
 ///
-/// If several processes call this with one name, exactly one gets true; more than one where the file system has neither
-/// hard links nor a rename that refuses to replace a file, and the file is written as by [`write_atomic`].
+/// If several processes call this with one name, exactly one gets true. Some file systems have neither hard links nor a
+/// rename that refuses to replace a file. On such a file system the file is written as by [`write_atomic`], and more
+/// than one process may get true.
 pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputError> {
     let path = path.as_ref();
     let fail = |attempt| move |source| OutputError::new(attempt, path, source);
@@ -223,8 +224,8 @@ pub fn write_new(path: impl AsRef<Path>, bytes: &[u8]) -> Result<bool, OutputErr
     }
 }
 
-/// Whether an error of this kind may mean that the file system has no hard links. On such a file system, link(2) fails
-/// with EPERM; on other systems, the call fails with EINVAL or ENOSYS.
+/// Whether an error of this kind may mean that the file system has no hard links. Depending on the operating system,
+/// link(2) then fails with EPERM, EINVAL or ENOSYS.
 fn cannot_link(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::InvalidInput | io::ErrorKind::PermissionDenied)
 }

@@ -5,11 +5,12 @@ use crate::data::View;
 use nerf_core::space::{Contraction, SceneBox};
 use rayon::prelude::*;
 
-/// Fraction of a line of sight, from its camera, that counts as free: points are inexact, surfaces may be slanted.
+/// Fraction of a line of sight, from its camera on, that counts as free. The fraction is below 1, since points are
+/// inexact and surfaces may be slanted.
 const FREE_SHARE: f32 = 0.85;
 /// Least number of crossings by lines of sight that proves a cell free; for a block, summed over its cells.
 const MIN_CROSSINGS: u32 = 3;
-/// Limit, exceeded by a free cell, on the ratio of lines of sight that cross a cell to those that end in it.
+/// Ratio of the lines of sight that cross a cell to those that end in it, above which the cell can be free.
 const ENDS: u32 = 4;
 /// Side of a block, in cells. Blocks are tested as a whole, in addition to their cells.
 const BLOCK: usize = 4;
@@ -20,8 +21,8 @@ const STEPS_A_CELL: f32 = 2.0;
 
 /// Returns for each cell of an unbounded scene whether it is free, at index `(x ny + y) nz + z`.
 ///
-/// A cell is free if at least three lines of sight cross it, and more than four times as many as end in it. All cells
-/// of a block of 4 × 4 × 4 are also free if it has three crossings in all and no line of sight ends in it.
+/// A cell is free if at least three lines of sight cross it, and more than four times as many as end in it. The cells
+/// of a block of 4 × 4 × 4 are also free if they have at least three crossings in all and no line ends in the block.
 pub(crate) fn free_cells(
     bounds: SceneBox,
     resolution: [u16; 3],

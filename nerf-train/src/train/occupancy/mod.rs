@@ -17,7 +17,8 @@ use serde::{Deserialize, Serialize};
 use silhouette::Silhouette;
 pub use silhouette::is_foreground;
 
-/// Least occupied fraction of candidate cells after an update, which a field without density must not empty.
+/// Least fraction of candidate cells that an update must leave occupied; else the update is not applied. A field that
+/// has lost all density must not empty the grid.
 const SMALLEST_SHARE: f64 = 0.02;
 /// Divisor that gives the least number of views that must see a cell of the visual hull: the number of views that see
 /// the most visible cell, divided by this. The limit excludes space behind the scene, which few cameras see.

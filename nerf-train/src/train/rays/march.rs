@@ -8,7 +8,7 @@ use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples whose cells are tested together.
 const GROUP: usize = 16;
-/// Constant for rounding, 2^23. Added to an f32 from 0 to 2^22, its lowest bits are this f32 rounded to an integer.
+/// Constant for rounding, 2^23. Its sum with an f32 from 0 to 2^22 has as lowest bits the f32 rounded to an integer.
 const MAGIC: f32 = 8_388_608.0;
 
 /// Number of cells along each side of a block. The march skips empty blocks.
@@ -123,7 +123,7 @@ fn first_bits(count: u32) -> u32 {
 }
 
 /// Ray march in a bounded scene. Appends to `positions` the points of `ray` in occupied cells, at `t = first + i step`
-/// for `i < count`, all inside the box. A point on a face may be in either cell.
+/// for `i < count`. All points must be inside the box. A point on the face between two cells may be in either.
 pub(super) struct March<'a> {
     pub cells: &'a MarchCells,
     pub ray: &'a Ray,

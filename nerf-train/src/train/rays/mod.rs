@@ -24,7 +24,7 @@ const CHUNK: usize = 128;
 /// Number of rays that one task marches in an unbounded scene. Batches have fewer, longer rays than in a bounded scene.
 const CONTRACTED_CHUNK: usize = 16;
 
-/// Divisor of a batch's number of rays in an unbounded scene, for the number of rays along lines of sight.
+/// Number of rays of a batch per ray that is cast along a line of sight, in an unbounded scene.
 const SIGHT_SHARE: usize = 8;
 
 /// Pixels of all training views, from which batches are drawn, and the settings by which their rays are sampled.

@@ -6,7 +6,7 @@ use crate::train::occupancy::is_foreground;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Divisor of a batch's number of rays in an unbounded scene, for the number of rays through lines of pixels.
+/// Number of rays of a batch per ray through a line of pixels, in an unbounded scene.
 const LINE_SHARE: usize = 8;
 /// Divisor of a photograph's longer side. The quotient is the smallest spacing of the pixels of a line, pixels.
 const SPACINGS: usize = 60;
@@ -17,8 +17,9 @@ pub(super) fn rays_on_lines(before: usize, rays: usize) -> Range<usize> {
     first..first + rays / LINE_SHARE / LINE * LINE
 }
 
-/// Returns the row-major indices of equally spaced pixels on the row or column of `pixel`, at 1, 2, 4 or 8 sixtieths of
-/// the longer side. Three bits of `bits` choose both. `None` if the photograph is too small.
+/// Returns the row-major indices of equally spaced pixels on the row or column of `pixel`. The spacing is 1, 2, 4 or 8
+/// sixtieths of the photograph's longer side. Three bits of `bits` choose row or column, and spacing. `None` if the
+/// photograph is too small.
 pub(super) fn pixels_on_line((width, height): (u32, u32), pixel: usize, bits: u32) -> Option<[usize; LINE]> {
     let (width, height) = (width as usize, height as usize);
     let spacing = (width.max(height) / SPACINGS).max(1) << (bits & 3);

@@ -13,7 +13,8 @@ pub(crate) const MADE_BY: &str = concat!("nerf-train ", env!("CARGO_PKG_VERSION"
 /// Least optical thickness of an occupied cell in the exported grid, over one march step. Training in bounded scenes
 /// uses lower values. The exported grid thus leaves out thin fog: rendering takes a fifth less time at the same PSNR.
 const EXPORTED: f32 = 0.1;
-/// Value in place of [`EXPORTED`] if the photographs contradict each other: PSNR falls by 0.2 dB without the fog.
+/// Value in place of [`EXPORTED`] if the photographs contradict each other. Without the thin fog in such fields, PSNR
+/// falls by 0.2 dB.
 const EXPORTED_FOG: f32 = 0.03;
 
 /// The field and occupancy grid of a run at one step, as they would be exported.

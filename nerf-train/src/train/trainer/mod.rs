@@ -46,7 +46,7 @@ pub struct Trainer<'d> {
     pub(crate) config: Config,
     dataset: &'d Dataset,
     /// Background colour, display-encoded: the data set's constant colour, otherwise black. Exception: in an unbounded
-    /// scene of unknown background, the mean colour of the photographs, which shows only where no photograph saw.
+    /// scene of unknown background, the mean colour of the photographs, which shows only in unseen space.
     pub(crate) background: [f32; 3],
     pub(crate) model: Model,
     kernel: Kernel,
@@ -366,7 +366,7 @@ impl<'d> Trainer<'d> {
         self.config.occupancy.threshold / width
     }
 
-    /// Restarts with another seed because all densities became 0, as ReLU can. Fails after [`RESEEDS`] restarts.
+    /// Restarts with another seed if all densities became 0, as can happen with ReLU. Fails after [`RESEEDS`] restarts.
     fn reseed(&mut self) -> Result<(), TrainError> {
         let restarts = self.state.progressed.reseeds + 1;
         if restarts > RESEEDS {
@@ -417,7 +417,8 @@ impl March {
     }
 }
 
-/// Returns the number of rays for `margin` times the configured samples; the configured one if `live_per_ray` is 0.
+/// Returns the number of rays that give `margin` times the configured number of samples. `live_per_ray`: samples per
+/// ray; if 0 (unknown), returns the configured number of rays.
 fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     if sampling.live_samples > 0 && live_per_ray > 0.0 {
         ((margin * sampling.live_samples as f64 / live_per_ray) as usize).clamp(64, 65_536)
@@ -426,7 +427,8 @@ fn rays_of(sampling: &SamplingConfig, margin: f64, live_per_ray: f64) -> usize {
     }
 }
 
-/// Returns the smoothed number of samples per ray after a batch of `rays` and `live` samples. `before`: 0 at first.
+/// Returns the smoothed number of samples per ray after a batch of `rays` rays and `live` samples. `before`: the
+/// smoothed number before the batch; 0 at first.
 fn smoothed(before: f64, live: usize, rays: usize) -> f64 {
     let now = live as f64 / rays.max(1) as f64;
     if before == 0.0 { now } else { 0.9 * before + 0.1 * now }

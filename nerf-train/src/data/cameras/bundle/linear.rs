@@ -12,7 +12,8 @@ type Block = [DVec3; POSE];
 /// parameter among the unknowns of [`Reduced`], then the derivatives of the residual's x, then those of its y.
 type Rows = (usize, [[f64; POSE]; 2]);
 
-/// Normal equations of poses and devices, points eliminated. `matrix`: `size` × `size`, row by row, lower triangle.
+/// Normal equations of all poses and devices, with the points eliminated. `matrix` is `size` × `size`, row by row; only
+/// its lower triangle is used.
 pub(super) struct Reduced<'a> {
     bundle: &'a Bundle,
     matrix: Vec<f64>,

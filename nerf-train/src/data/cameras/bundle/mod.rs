@@ -19,7 +19,8 @@ use linear::Reduced;
 
 /// Number of parameters of a pose (rotation, translation). A device has three: logarithm of the focal length, k1, k2.
 const POSE: usize = 6;
-/// Scale s of the robust loss, pixels: about quadratic in smaller reprojection errors, about linear in larger ones.
+/// Scale s of the robust loss, pixels. The loss is about quadratic in smaller reprojection errors, and about linear in
+/// larger errors.
 const SOFT_PIXELS: f64 = 1.0;
 /// Minimum depth of a point in front of a camera, as a fraction of the camera's distance from the world origin.
 const MIN_DEPTH: f64 = 1e-6;
@@ -159,7 +160,8 @@ impl Bundle {
         depths.into_iter().map(median).collect()
     }
 
-    /// Minimises the loss, then moves the camera centres to [fit](align) `anchor`. Returns the number of iterations.
+    /// Minimises the loss, then moves the reconstruction so that its camera centres [fit](align) those in `anchor`.
+    /// Returns the number of iterations.
     pub(crate) fn adjust(&mut self, anchor: &[DVec3]) -> usize {
         self.observations.sort_by_key(|seen| (seen.point, seen.photograph));
         let seen = |bundle: &Self, seen: &Observation| bundle.residual(seen).is_some();

@@ -1,10 +1,12 @@
 //! Adam for values whose gradient is not 0, and the steps at which each level of the tables is updated.
 //!
 //! Adam takes as long for a small gradient as for a large one, and the hashed levels have most of a grid's entries. To
-//! save time, a hashed level is updated only at every `hashed_every`th step, by the sum of its gradients since then.
-//! Adam is invariant to the scale of gradients: the mean would give the same step. Dense levels take every step.
+//! save time, a hashed level is updated only at every `hashed_every`th step, by the sum of its gradients since the last
+//! update. Since Adam is invariant to the scale of gradients, the mean gradient would give the same step. Dense levels
+//! are updated at every step.
 //!
-//! Weight decay, decoupled (Loshchilov & Hutter 2019), is for the colour branch alone, which would overfit directions.
+//! Weight decay is decoupled (Loshchilov & Hutter 2019) and applies to the colour branch alone, which would otherwise
+//! overfit the directions of the photographs.
 
 use crate::model::engine::{Adam, Model, Part};
 use nerf_core::encoding::GridLevel;
@@ -99,7 +101,8 @@ fn reciprocal_root(x: f32) -> f32 {
     y * (1.5 - half * y * y)
 }
 
-/// Applies Adam to a value and its moments `m`, `v` if the gradient `g` is not 0; without a branch, to be vectorised.
+/// Applies Adam to a value and its moments `m`, `v` if the gradient `g` is not 0. Has no branch, so that a loop of
+/// calls can be vectorised.
 #[inline(always)]
 fn moved(step: AdamStep, value: &mut f32, m: &mut f32, v: &mut f32, g: f32) {
     let new_m = step.beta1 * *m + (1.0 - step.beta1) * g;

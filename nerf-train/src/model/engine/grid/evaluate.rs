@@ -27,7 +27,8 @@ pub(super) struct RayState {
     pub transmittance: f32,
 }
 
-/// Evaluated samples of a chunk, a row each, in order of evaluation: first eight of every ray, next eight, and so on.
+/// Evaluated samples of a chunk, one row per sample in every buffer. Rows are in order of evaluation: the first eight
+/// samples of every ray, then the next eight, and so on.
 #[derive(Default)]
 pub(super) struct Evaluated {
     pub rays: Vec<RayState>,
@@ -120,7 +121,7 @@ impl Evaluated {
         }
     }
 
-    /// Resets the states of `rays`, whose samples begin at index `first` of the batch. Returns the index after these.
+    /// Resets the states of `rays`, whose samples begin at index `first` of the batch. Returns the index of their end.
     fn begin(&mut self, batch: &Batch, rays: Range<usize>, first: usize) -> usize {
         self.rays.clear();
         self.index_of.clear();

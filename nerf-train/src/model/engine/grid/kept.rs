@@ -4,7 +4,8 @@ use super::pass::{GATE, ROULETTE_WEIGHT, T_MIN};
 use crate::model::engine::BatchRay;
 use nerf_core::sampling::{Purpose, uniform};
 
-/// Kept samples of several rays, which alone get colour and gradients; and the transmittance through the others.
+/// Kept samples of several rays, ray after ray. Only kept samples get colour and gradients. The transmittance through
+/// the samples that are not kept is stored, too.
 pub(super) struct KeptSamples {
     /// Index in the batch of each kept sample.
     pub samples: Vec<usize>,
@@ -20,8 +21,9 @@ pub(super) struct KeptSamples {
 
 impl KeptSamples {
     /// Chooses the kept samples by compositing weight. Without `roulette`, all samples above `GATE` are kept. With
-    /// `roulette` (seed and step), all samples above `ROULETTE_WEIGHT`, and a random choice of those below. A ray ends
-    /// when its transmittance is below `T_MIN`. `depths`: optical depth of each sample, from index `first` on.
+    /// `roulette` (seed and step), all samples above `ROULETTE_WEIGHT` are kept, and a random choice of those below. A
+    /// ray ends when its transmittance is below `T_MIN`. `depths`: optical depth of each sample. `first`: index in the
+    /// batch of the first sample.
     pub fn of(rays: &[BatchRay], depths: &[f32], first: usize, roulette: Option<(u64, u64)>) -> Self {
         let (mut samples, mut inverse, mut front) = (Vec::new(), Vec::new(), Vec::new());
         let (mut counts, mut unkept) = (Vec::new(), Vec::new());

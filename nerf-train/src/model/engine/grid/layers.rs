@@ -36,7 +36,8 @@ impl Product {
         }
     }
 
-    /// Computes `y = act(init + x Wᵀ)`, `[rows][padded outputs]`. `init`: 0 or the old `y`; `x`: `[rows][x_row]`.
+    /// Computes `y = act(init + x Wᵀ)`, `[rows][padded outputs]`. `act`: ReLU if `relu`, else the identity; `init`: 0
+    /// or the old `y`; `x`: `[rows][x_row]`.
     #[allow(clippy::too_many_arguments, reason = "a product's")]
     pub fn forward(
         &self,
@@ -53,7 +54,8 @@ impl Product {
         gemm(isa, g, x, &self.forward, y, init, relu);
     }
 
-    /// Computes `dx = init + dy W`, `[rows][padded inputs]`. `dy`: `[rows][padded outputs]`; `init`: 0 or the old `dx`.
+    /// Computes the inputs' gradient `dx = init + dy W`, `[rows][padded inputs]`. `dy`: the outputs' gradient,
+    /// `[rows][padded outputs]`; `init`: 0 or the old `dx`.
     pub fn backward(&self, isa: Isa, rows: usize, dy: &[f32], dx: &mut [f32], init: Init<'_>) {
         let n = padded(self.inputs);
         let g =

@@ -67,7 +67,8 @@ use std::sync::{Mutex, MutexGuard};
 const ACCUMULATORS: usize = 16;
 /// Largest number of rays of a chunk. All activations of their samples then fit the second-level cache.
 const CHUNK_RAYS: usize = 32;
-/// Approximate least number of chunks, so that every thread has work; fewer, of `FEWEST_RAYS` rays, in a small batch.
+/// Approximate smallest number of chunks of a batch, so that every thread has work. A small batch has fewer chunks, of
+/// `FEWEST_RAYS` rays each.
 const FEWEST_CHUNKS: usize = 6;
 const FEWEST_RAYS: usize = 8;
 /// Number of rays of a chunk of a 2D field, whose rays have one sample.

@@ -73,7 +73,7 @@ pub(super) struct Scratch {
     by_weight: Vec<f32>,
     /// Distance of each kept sample from the kept sample before it.
     gaps: Vec<f32>,
-    /// Gradient of the loss with respect to each kept sample's raw density: the first column of `[samples][VECTOR]`.
+    /// Gradient with respect to each kept sample's raw density, `[samples][VECTOR]`; all columns but the first are 0.
     d_raw: Vec<f32>,
     upper: Vec<f32>,
     lower: Vec<f32>,
@@ -150,8 +150,9 @@ impl Scratch {
         }
     }
 
-    /// Returns the weighted sum of squared errors of `rays`. Sets `by_shown`, `by_transmittance` and `by_weight`:
-    /// there, of the distortion, smoothness and depth losses; `backward` adds the squared error's gradient.
+    /// Returns the weighted sum of squared errors of `rays`. Sets `by_shown`, `by_transmittance` and `by_weight`. The
+    /// gradient in `by_weight` is of the distortion, smoothness and depth losses; `backward` adds the squared error's
+    /// gradient.
     fn loss(&mut self, batch: &Batch, rays: Range<usize>, pass: &mut Pass) -> f64 {
         self.distort(batch);
         let read = (&self.evaluated, &self.samples);

@@ -2,7 +2,7 @@
 //!
 //! This engine computes the loss and gradients of [`GridEngine`](super::GridEngine) with the simplest code. The samples
 //! that get gradients are chosen without a tape; the transmittance through all others is a constant. Differences: the
-//! densities behind the end of a ray are evaluated, and pixels clipped at white are like all others.
+//! densities behind the end of a ray are evaluated, too, and pixels clipped at white are treated like all others.
 
 mod forward;
 mod terms;
@@ -149,7 +149,8 @@ impl GridReferenceEngine {
         let sigma = with_gradient_scaled(forward::density(network, &h)?, scales.clone())?;
         let tau = rows.of(sigma)?.try_mul(rows.constants(|i| batch.deltas[kept.samples[i]])?)?;
 
-        // Russian roulette: the inverse probability multiplies a sample's weight and the gradient of its transmittance.
+        // Russian roulette: the inverse probability multiplies the weight of a sample, and the gradient of its effect
+        // on the transmittance behind it.
         let inverse = || rows.constants(|i| kept.inverse[i]);
         let (front, transmittance) =
             rows.transmittance(with_gradient_scaled(tau.with_empty_tape(), inverse()?)?)?;

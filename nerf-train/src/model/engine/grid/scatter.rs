@@ -52,7 +52,8 @@ impl Kept {
     }
 }
 
-/// Computes the bits of the largest |value| of `gradients`; they have the order of the values, NaN the largest.
+/// Computes the bits of the largest absolute value of `gradients`. As integers, the bits of absolute values have the
+/// same order as the values; NaN is the largest.
 struct Largest<'a> {
     gradients: &'a [f32],
 }
@@ -186,7 +187,7 @@ impl LevelSum {
     }
 }
 
-/// Adds the samples' gradients `rows`, `[samples][width]`, times interpolation weights, to those of the `entry`s.
+/// Adds the samples' gradients `rows`, `[samples][width]`, times interpolation weights, to the gradients of `entry`.
 struct Add<'a> {
     entry: &'a [u32],
     weight: &'a [f32],

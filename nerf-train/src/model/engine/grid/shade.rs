@@ -69,8 +69,9 @@ impl Shade {
         Self { coloured: vec![Vec::new(); layers.colour.len()], ..Self::default() }
     }
 
-    /// Does the colour branch's backward pass, and adds its weights' gradients to `sums`. `self.upper` is at first the
-    /// gradient of the branch's output before the sigmoid, then dL/dP. If `by_rays`, sets `self.by_encoded_dir`, too.
+    /// Does the colour branch's backward pass, and adds the gradients of the branch's weights to `sums`. Before,
+    /// `self.upper` is the gradient with respect to the branch's output before the sigmoid; afterwards, it is dL/dP. If
+    /// `by_rays`, also sets `self.by_encoded_dir`.
     fn branch_backward(&mut self, job: &Job<'_>, by_rays: bool, sums: &mut LayerSums) {
         let (isa, count, layers) = (job.isa, self.rows.len(), job.layers);
         for (l, layer) in layers.colour.iter().enumerate().rev() {

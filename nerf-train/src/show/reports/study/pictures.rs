@@ -10,8 +10,9 @@ use std::path::Path;
 /// Difference of a colour channel (values 0 to 1) that is drawn in the brightest colour of the colour map.
 const BRIGHTEST: f32 = 0.25;
 
-/// Renders the first timed view with the slowest and the fastest setting of the Pareto front, and the fastest with a
-/// loss of at most `SPAN_LOSS_DB`. Writes differences from ground truth and the exact rendering, and `ends.png`.
+/// Renders the first timed view with up to three settings: the slowest and the fastest setting of the Pareto front, and
+/// the fastest setting with a loss of at most `SPAN_LOSS_DB`. Writes pictures of the differences from ground truth and
+/// from the exact rendering, and the contact sheet `ends.png`.
 pub fn write(findings: &Findings<'_, '_, '_>, folder: &Path) -> anyhow::Result<()> {
     let study = findings.study;
     let (Some(&dearest), Some(&last)) = (findings.front.first(), findings.front.last()) else {

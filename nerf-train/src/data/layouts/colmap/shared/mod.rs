@@ -15,7 +15,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::Instant;
 
-/// Maximum number of photographs whose cameras are merged. Bundle adjustment takes cubic time, here half a minute.
+/// Maximum number of photographs in a reconstruction whose cameras are merged. The time of bundle adjustment grows with
+/// the cube of their number, and is half a minute at this maximum.
 const MAX_PHOTOGRAPHS: usize = 300;
 /// Factor on the mean reprojection error above which the adjusted reconstruction is rejected.
 const MAX_GROWTH: f64 = 1.25;
@@ -24,7 +25,8 @@ const SQUARE: f64 = 0.02;
 /// Version of the adjustment, part of the checksum: a new version makes existing files of shared cameras invalid.
 const VERSION: u64 = 1;
 
-/// Merges the cameras (sets of intrinsics) of each device, and adjusts. Returns true if `found` got the merged cameras.
+/// Merges the cameras (sets of intrinsics) of each device and adjusts the reconstruction. Returns true, and adds a note
+/// to `found`, if the merged cameras are used.
 ///
 /// Returns false if no device has cameras to merge. Also returns false, with a warning, if the cameras cannot be merged
 /// or the adjustment raises the reprojection error too much. `file`: file named in errors.
@@ -272,7 +274,7 @@ fn observe(bundle: &mut Bundle, model: &Model, points: &Points) -> Vec<u64> {
 }
 
 /// Returns `own` with one camera per device. Focal length and radial distortion are medians over the device's
-/// photographs; principal point, fy / fx and tangential distortion over those of equal size.
+/// photographs; principal point, fy / fx and tangential distortion are medians over its photographs of equal size.
 fn with_devices(own: &Bundle, model: &Model, devices: &[usize]) -> Bundle {
     let mut shared = Bundle { devices: Vec::new(), ..own.clone() };
     let of = |device: usize, what: &dyn Fn(usize) -> f64| {

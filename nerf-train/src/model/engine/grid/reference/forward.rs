@@ -124,7 +124,8 @@ fn directions(engine: &GridReferenceEngine, dirs: &[[f32; 3]]) -> Result<Option<
     Ok(Some(engine.device.try_tensor_from_vec(values, (dirs.len(), channels))?))
 }
 
-/// Returns, for each corner of the cell around `unit` ∈ [0, 1]³, its entry's index among all levels', and its weight.
+/// Returns two values for each corner of the cell around `unit` ∈ [0, 1]³: the index of the corner's entry among the
+/// entries of all levels, and the corner's trilinear weight.
 fn corners(level: &GridLevel, unit: [f32; 3]) -> [(usize, f32); 8] {
     let at: [(u32, f32); 3] = std::array::from_fn(|axis| {
         let along = unit[axis] * level.cells[axis] as f32;
