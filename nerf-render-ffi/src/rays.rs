@@ -168,7 +168,7 @@ pub unsafe extern "C" fn nerf_sample_rays(
     })
 }
 
-/// Checked input arrays of rays. `read`: for each array, its name in messages and the memory that the array occupies.
+/// Checked input arrays of rays. `read`: name and memory of each array, for errors about outputs that overlap it.
 struct Arrays {
     origins: Numbers,
     dirs: Numbers,

@@ -23,7 +23,8 @@ use {
 /// numbers of samples.
 pub const TILE_SIDE: u32 = 16;
 
-/// Renderer of frames of one plan, with a workspace; made by [`Renderer::worker`](super::Renderer::worker).
+/// Object that renders frames with the settings of one [`Plan`], in a workspace of its own; one per thread. Made by
+/// [`Renderer::worker`](super::Renderer::worker).
 ///
 /// The workspace is divided into buffers once, when the worker is made. Later calls have almost no overhead.
 pub struct Worker<'f> {

@@ -43,7 +43,7 @@ impl Ends {
         stop: f32::INFINITY,
     };
 
-    /// Number of values that [`Ends::parts`] returns.
+    /// Number of values that [`Ends::parts`] returns: one per field.
     pub const PARTS: usize = 5;
 
     /// `start`, `low`, `high`, `far` and `stop`, in this order.
@@ -78,11 +78,11 @@ impl Bins {
     }
 
     /// Cuts the bins for a ray. All samples lie in front of `far`, and only the part `start..stop` of the ray is used
-    /// (units as in [`Bins`]). Returns the cut bins, and the index range of the bins with a used part.
+    /// (units as in [`Bins`]). Returns the cut bins, and the index range of the bins that overlap `start..stop`.
     ///
-    /// `far` cuts the last bin, and moves the sample of this bin in front of `far`. `start` and `stop` cut only the
-    /// widths of the first and the last bin, and do not move samples. A sample's contribution is therefore continuous
-    /// in `start` and `stop`. Bins without a cut stay bit-identical.
+    /// The bin that contains `far` ends there, and its sample moves in front of `far`. The widths of the bins that
+    /// contain `start` and `stop` shrink to the used part, but their samples do not move. A sample's contribution is
+    /// therefore continuous in `start` and `stop`. Bins without a cut stay bit-identical.
     pub fn cut(&self, start: f32, far: f32, stop: f32) -> (Self, Range<u32>) {
         let (mut ends, mut bins) = (self.ends, 0..self.count);
         if start > self.near {

@@ -57,14 +57,14 @@ pub trait Lanes: Copy + sealed::Sealed {
     /// Loads the first `COUNT` values of `from`.
     ///
     /// # Panics
-    /// If `from` has fewer than `COUNT` values. The vector `f32` panics only with debug assertions; without them it
-    /// loads 0.
+    /// If `from` has fewer than `COUNT` values. The implementation for `f32`, one lane, panics only with debug
+    /// assertions; without them it loads 0.
     fn load(from: &[f32]) -> Self;
     /// Writes the lanes to the first `COUNT` values of `to`.
     ///
     /// # Panics
-    /// If `to` has fewer than `COUNT` values. The vector `f32` panics only with debug assertions; without them it
-    /// writes nothing.
+    /// If `to` has fewer than `COUNT` values. The implementation for `f32`, one lane, panics only with debug
+    /// assertions; without them it writes nothing.
     fn store(self, to: &mut [f32]);
     /// `self + b` for each lane.
     fn add(self, b: Self) -> Self;

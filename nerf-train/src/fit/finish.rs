@@ -186,8 +186,8 @@ fn scores_of<'v>(
     measure(blob, parameters, kernel, quality, background, views, |_, _, _, _| {})
 }
 
-/// Returns the scores of `views` for each of `renderings`, pairs of a blob and quality settings. All renderings are
-/// scored on the same pixels: as many as the time limit allows, up to a maximum per view.
+/// Returns the scores of `views` for each of `renderings`: the bytes of a scene file, and the quality settings with
+/// which it is rendered. All are scored on the same pixels: as many as the time limit allows, up to a maximum per view.
 pub(super) fn compare(
     session: &Session<'_, '_>,
     views: &[&View],

@@ -46,8 +46,8 @@ impl Photographs {
         found
     }
 
-    /// Returns the name of the first part of `theirs`, read from a checkpoint, that cannot belong to this run; `None`
-    /// if all parts fit.
+    /// Returns the name of the first field of `theirs`, the state in a checkpoint, that does not fit `views` and
+    /// `config`, for example by its number of photographs; `None` if all fit.
     pub(super) fn wrong_part(&self, theirs: &Self, views: &[View], config: &Config) -> Option<&'static str> {
         let gains = theirs.gains.as_ref().is_none_or(|gains| gains.views() == views.len());
         let unbounded = config.sampling.contraction.is_some();

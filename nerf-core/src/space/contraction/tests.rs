@@ -294,7 +294,8 @@ fn rays_are_counted_from_their_point_nearest_to_the_middle() {
     }
 }
 
-/// Compares [`Contraction::step_growth`] with finite differences, on a ray through the centre.
+/// Compares [`Contraction::step_growth`], the length of a march step divided by its length in the uncontracted ball,
+/// with finite differences of the distance along a ray through the centre.
 #[test]
 fn steps_stretch_as_distances_grow() {
     for power in Contraction::POWERS {

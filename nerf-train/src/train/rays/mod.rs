@@ -45,7 +45,7 @@ pub struct RayBank<'d> {
     sampling: SamplingConfig,
     /// Lines of sight along which one in eight rays of an unbounded scene is cast, each with the index of its view.
     sights: Vec<(usize, Sight)>,
-    /// Weight of the depth loss of the rays along lines of sight.
+    /// Weight of the depth loss, which applies to the rays along `sights`.
     depth: f32,
     seed: u64,
 }

@@ -49,8 +49,9 @@ impl<'a> Reduced<'a> {
         Some(reduced)
     }
 
-    /// Returns three things for an observation: the derivatives of the residual with respect to pose and device, the
-    /// whole Jacobian, and the weight in the robust loss. `None` if the point is not in front of the camera.
+    /// Returns an observation's derivatives with respect to the photograph's pose and its device's intrinsics, each with
+    /// its first row in the matrix; then the whole Jacobian, and the weight in the robust loss. `None` if the point is
+    /// not in front of the camera.
     #[inline]
     fn rows(&self, seen: &Observation) -> Option<([Rows; 2], Jacobian, f64)> {
         let jacobian = self.bundle.linearised(seen)?;

@@ -24,7 +24,8 @@ use std::ops::Range;
 
 /// Decay rate of a triple's weight `exp(−EDGE e)` with the colour difference `e`.
 const EDGE: f32 = 20.0;
-/// Residual (in inverse radii of the uncontracted ball) above which the smoothness loss is about linear, not quadratic.
+/// Second difference of a triple's disparities above which the smoothness loss is about linear, not quadratic. Its unit
+/// is the inverse of the uncontracted ball's radius.
 pub(super) const SOFT: f32 = 0.01;
 /// Lower limit of a sample's distance from the camera in [`disparity`], in radii of the uncontracted ball.
 const NEAREST: f32 = 1e-3;
