@@ -83,12 +83,14 @@ impl Checkpoint {
 
     /// Returns the contents of a checkpoint file: magic number with version, checksum, serialised state.
     pub fn to_bytes(&self) -> Vec<u8> {
-        // Serialising plain data to memory cannot fail.
-        let body = postcard::to_stdvec(self).expect("plain data");
-        let mut bytes = Vec::with_capacity(body.len() + 12);
+        // Most of the bytes: five f32 per parameter.
+        let mut bytes = Vec::with_capacity(20 * self.optimiser.parameters.len() + (1 << 20));
         bytes.extend(MAGIC);
-        bytes.extend(crc(&body).to_le_bytes());
-        bytes.extend(body);
+        bytes.extend([0; 4]);
+        // Serialising plain data to memory cannot fail.
+        let mut bytes = postcard::to_extend(self, bytes).expect("plain data");
+        let (head, body) = bytes.split_at_mut(MAGIC.len() + 4);
+        head[MAGIC.len()..].copy_from_slice(&crc(body).to_le_bytes());
         bytes
     }
 

@@ -3,13 +3,14 @@
 use crate::train::occupancy::OccupiedCells;
 use glam::Vec3;
 use nerf_core::camera::Ray;
-use nerf_core::simd::{Lanes, Op};
+use nerf_core::simd::{Indices, Lanes, Op};
 use nerf_core::space::{Contraction, SceneBox};
 
 /// Number of samples whose cells are tested together.
 const GROUP: usize = 16;
-/// Constant for rounding, 2^23. Its sum with an f32 from 0 to 2^22 has as lowest bits the f32 rounded to an integer.
-const MAGIC: f32 = 8_388_608.0;
+/// Index of each sample within its group.
+const IN_GROUP: [f32; GROUP] =
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
 /// Number of cells along each side of a block. The march skips empty blocks.
 const BLOCK_SIDE: usize = 8;
@@ -95,31 +96,42 @@ impl<'a> Lookup<'a> {
     /// Looks up the occupancy of sixteen points of the ray. Bit `i` of the result is the occupancy of point `i`, which
     /// is at `t = first + (base + i) step`. For a point outside the box, the nearest cell is read.
     #[inline(always)]
-    fn live(&self, first: f32, step: f32, base: u32) -> u32 {
-        let [_, ny, nz] = self.resolution;
-        let mut index = [0u32; GROUP];
-        // A loop without branches, which the compiler vectorises for the instruction set.
-        for (i, index) in index.iter_mut().enumerate() {
-            let t = first + (base + i as u32) as f32 * step;
-            let cell = |axis: usize| {
-                let x = (self.from[axis] + t * self.along[axis]).max(0.0).min(self.last[axis]);
-                (x + MAGIC).to_bits() & 0x007f_ffff
-            };
-            *index = (cell(0) * ny + cell(1)) * nz + cell(2);
-        }
+    fn live<V: Lanes>(&self, first: f32, step: f32, base: u32) -> u32 {
         let mut live = 0;
-        for (i, &index) in index.iter().enumerate() {
-            let byte = self.bits.get(index as usize / 8).copied().unwrap_or(0);
-            live |= u32::from(byte >> (index % 8) & 1) << i;
+        for from in (0..GROUP).step_by(V::COUNT) {
+            let mut at = [group_distances::<V>(first, step, base, from); 3];
+            for (axis, at) in at.iter_mut().enumerate() {
+                *at = V::splat(self.from[axis]).add(at.mul(V::splat(self.along[axis])));
+            }
+            live |= occupied(self.bits, self.resolution, self.last, at) << from;
         }
         live
     }
 }
 
+/// Returns the distances `first + (base + i) step` of a group's samples `i` from `from` on, one per lane.
+#[inline(always)]
+fn group_distances<V: Lanes>(first: f32, step: f32, base: u32, from: usize) -> V {
+    let number = V::splat(base as f32).add(V::load(&IN_GROUP[from..]));
+    V::splat(first).add(number.mul(V::splat(step)))
+}
+
+/// Returns the occupancy bits of a point per lane. `at`: the points in cells, minus one half, so that rounding gives the
+/// cell's indices. `last`: largest index on each axis. For a point outside the box, the nearest cell is read.
+#[inline(always)]
+fn occupied<V: Lanes>(bits: &[u8], resolution: [u32; 3], last: [f32; 3], at: [V; 3]) -> u32 {
+    let mut index = V::Indices::splat(0);
+    for ((at, last), side) in at.into_iter().zip(last).zip(resolution) {
+        let cell = at.max_of(V::splat(0.0)).min_of(V::splat(last)).round_even();
+        index = index.mul(V::Indices::splat(side)).add(cell.to_indices());
+    }
+    V::bits(bits, index)
+}
+
 /// Returns the bit mask of the first `count` samples of a group; of all sixteen if `count` is larger.
 #[inline(always)]
 fn first_bits(count: u32) -> u32 {
-    u32::MAX >> (32 - count.min(GROUP as u32))
+    u32::MAX >> (32 - Ord::min(count, GROUP as u32))
 }
 
 /// Ray march in a bounded scene. Appends to `positions` the points of `ray` in occupied cells, at `t = first + i step`
@@ -150,12 +162,12 @@ impl Op for March<'_> {
         for group in (0..groups).step_by(GROUP) {
             let mut near = first_bits(groups - group);
             if by_blocks {
-                near &= blocks.live(first + half * step, GROUP as f32 * step, group);
+                near &= blocks.live::<V>(first + half * step, GROUP as f32 * step, group);
             }
             while near != 0 {
                 let base = (group + near.trailing_zeros()) * GROUP as u32;
                 near &= near - 1;
-                let mut live = lookup.live(first, step, base) & first_bits(count - base);
+                let mut live = lookup.live::<V>(first, step, base) & first_bits(count - base);
                 while live != 0 {
                     let t = first + (base + live.trailing_zeros()) as f32 * step;
                     live &= live - 1;
@@ -207,35 +219,25 @@ impl Op for MarchContracted<'_> {
         let min = cells.bounds.min.to_array();
         let scale: [f32; 3] = std::array::from_fn(|axis| sides[axis] / extent[axis]);
         let last = sides.map(|side| side - 1.0);
-        let [_, ny, nz] = cells.resolution.map(u32::from);
+        let resolution = cells.resolution.map(u32::from);
         let (half, per_radius) = (V::splat(0.5 * step), V::splat(contraction.radius().recip()));
         for base in (0..count).step_by(GROUP) {
-            let mut at = [0.0f32; GROUP];
-            for (i, at) in at.iter_mut().enumerate() {
-                *at = first + (base + i as u32) as f32 * step;
-            }
-            let mut points = [[0.0f32; GROUP]; 3];
+            let (mut at, mut points) = ([0.0f32; GROUP], [[0.0f32; GROUP]; 3]);
+            let mut live = 0;
             for from in (0..GROUP).step_by(V::COUNT) {
-                let t = contraction.distance_lanes(V::load(&at[from..]));
+                let s = group_distances::<V>(first, step, base, from);
+                s.store(&mut at[from..]);
+                let t = contraction.distance_lanes(s);
                 let mut p = [t; 3];
                 for (axis, p) in p.iter_mut().enumerate() {
                     *p = V::splat(origin[axis]).add(V::splat(dir[axis]).mul(t));
                 }
-                let p = contraction.contract_lanes(p);
-                for (axis, p) in p.into_iter().enumerate() {
+                let mut p = contraction.contract_lanes(p);
+                for (axis, p) in p.iter_mut().enumerate() {
                     p.store(&mut points[axis][from..]);
+                    *p = p.sub(V::splat(min[axis])).mul(V::splat(scale[axis])).sub(V::splat(0.5));
                 }
-            }
-            let mut live = 0u32;
-            let [xs, ys, zs] = &points;
-            for (i, ((&x, &y), &z)) in xs.iter().zip(ys).zip(zs).enumerate() {
-                let cell = |axis: usize, x: f32| {
-                    let x = (x - min[axis]) * scale[axis] - 0.5;
-                    (x.max(0.0).min(last[axis]) + MAGIC).to_bits() & 0x007f_ffff
-                };
-                let index = (cell(0, x) * ny + cell(1, y)) * nz + cell(2, z);
-                let byte = cells.bits.get(index as usize / 8).copied().unwrap_or(0);
-                live |= u32::from(byte >> (index % 8) & 1) << i;
+                live |= occupied(&cells.bits, resolution, last, p) << from;
             }
             live &= first_bits(count - base);
             if live == 0 {

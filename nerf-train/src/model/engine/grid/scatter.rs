@@ -5,6 +5,7 @@
 use super::adam::{AdamStep, move_values};
 use crate::model::engine::{GRADIENT_LIMIT, Phase, Phases};
 use crate::model::quantise::STEPS;
+use glam::Vec4;
 use nerf_core::encoding::{GridCorners, GridEncoding, GridLevel, GridTables, grid_corners_block};
 use nerf_core::simd::{BLOCK, Isa, Lanes, Op, prefetch};
 use std::time::Instant;
@@ -209,32 +210,45 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let Add { entry, weight, across, rows, width, first, index, gradient, touched } = self.0;
-        let samples = rows.len() / width;
-        for (i, row) in rows.chunks_exact(width).enumerate() {
-            if i + SAMPLES_AHEAD < samples {
-                for corner in 0..ROWS {
-                    let entry = entry[corner * BLOCK + i + SAMPLES_AHEAD];
-                    prefetch(gradient, (entry as usize - first) * F);
+        let (entry, weight) = (entry.as_chunks::<BLOCK>().0, weight.as_chunks::<BLOCK>().0);
+        let (Some(entry), Some(weight)) = (entry.first_chunk::<ROWS>(), weight.first_chunk::<ROWS>()) else {
+            return;
+        };
+        for ((i, &across), row) in (0..BLOCK).zip(across).zip(rows.chunks_exact(width)) {
+            if i + SAMPLES_AHEAD < BLOCK {
+                for entry in entry {
+                    prefetch(gradient, (entry[i + SAMPLES_AHEAD] as usize - first) * F);
                 }
             }
             let of_level = &row[index * F..][..F];
             // Gradients of the two entries of a pair of corners, which are neighbours in x and adjacent in the table.
             let mut both = [0.0f32; F2];
             for f in 0..F {
-                let far = of_level[f] * across[i];
+                let far = of_level[f] * across;
                 both[f] = of_level[f] - far;
                 both[F + f] = far;
             }
-            for corner in 0..ROWS {
-                let at = (entry[corner * BLOCK + i] as usize - first) * F;
-                let weight = weight[corner * BLOCK + i];
+            for (entry, weight) in entry.iter().zip(weight) {
+                let at = (entry[i] as usize - first) * F;
                 touched[at / PART] = true;
                 let Some(values) = gradient[at..].first_chunk_mut::<F2>() else { continue };
-                for (value, both) in values.iter_mut().zip(&both) {
-                    *value += weight * both;
-                }
+                add_scaled(values, &both, weight[i]);
             }
         }
+    }
+}
+
+/// Adds `from` times `factor` to `to`, in vectors of four: nerf-train's level of optimisation makes none of such short
+/// loops.
+#[inline(always)]
+fn add_scaled<const N: usize>(to: &mut [f32; N], from: &[f32; N], factor: f32) {
+    let (to, last) = to.as_chunks_mut::<4>();
+    let (from, last_from) = from.as_chunks::<4>();
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = (Vec4::from(*to) + Vec4::from(*from) * factor).into();
+    }
+    for (to, from) in last.iter_mut().zip(last_from) {
+        *to += factor * from;
     }
 }
 
