@@ -1054,7 +1054,7 @@ private:
         const auto fits = [n](const auto &view) { return view.empty() || view.holds(n); };
         if (!of.origins.holds(n) || !of.dirs.holds(n) || !fits(of.t_min) || !fits(of.t_max) || !fits(of.random) ||
             n > std::numeric_limits<std::uint32_t>::max()) {
-            return error{NERF_STATUS_MEMORY, "rays: expected views of one length"};
+            return error{NERF_STATUS_MEMORY, "rays: expected views of one length, below 2^32"};
         }
         const auto count = static_cast<std::uint32_t>(n);
         const result<nerf_target> planes = to.at({0, 0, count, 1}, count, 1);

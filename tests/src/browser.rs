@@ -15,8 +15,8 @@ pub fn chromium() -> Option<PathBuf> {
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let in_path = std::env::split_paths(&path).flat_map(|folder| names.map(|name| folder.join(name)));
     let found = named.into_iter().chain(in_path).find(|program| program.is_file());
-    tools::there_is("chromium", found.is_some());
-    found
+    let here = tools::there_is("chromium", found.is_some());
+    found.filter(|_| here)
 }
 
 /// Loads the page `address#hash` and returns its document as HTML. Writes an image of the window to `screenshot`, and

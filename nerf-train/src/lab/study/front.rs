@@ -39,7 +39,8 @@ pub fn pareto(points: &[Price]) -> Vec<usize> {
     order
 }
 
-/// Returns at most `most` indices of the Pareto front `front`, which is sorted by falling cost; its two ends are kept.
+/// Returns at most `most` indices of the Pareto front `front`, which is sorted by falling cost. Its two ends are kept if
+/// `most` is at least 2.
 ///
 /// Repeatedly removes the inner point with the least product of two factors: (loss of the next cheaper point − own
 /// loss) and ln(cost of the next more expensive point / own cost).
