@@ -153,6 +153,9 @@ impl Occupancy {
                 if (p - eye).length() < near {
                     return false;
                 }
+                if enough {
+                    continue;
+                }
                 let inside = |(x, y): &(f32, f32)| {
                     (0.0..=width as f32).contains(x) && (0.0..=height as f32).contains(y)
                 };
