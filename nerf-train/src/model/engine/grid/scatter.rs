@@ -238,8 +238,8 @@ impl<const ROWS: usize, const F: usize, const F2: usize> Op for Features<'_, ROW
     }
 }
 
-/// Adds `from` times `factor` to `to`, in vectors of four: nerf-train's level of optimisation makes none of such short
-/// loops.
+/// Adds `from` times `factor` to `to`, in vectors of four. At nerf-train's optimisation level, the compiler does not
+/// vectorise loops this short.
 #[inline(always)]
 fn add_scaled<const N: usize>(to: &mut [f32; N], from: &[f32; N], factor: f32) {
     let (to, last) = to.as_chunks_mut::<4>();
