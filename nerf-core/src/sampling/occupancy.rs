@@ -182,8 +182,8 @@ impl<'a> OccupancyGrid<'a> {
         self.resolution.map(|cells| cells.div_ceil(side))
     }
 
-    /// Sets the bit in `blocks` of each block of `side`³ cells that contains an occupied cell; leaves other bits as
-    /// they are. Blocks are in row-major order, x slowest.
+    /// Divides the grid into blocks of `side`³ cells. If a block contains an occupied cell, sets its bit in `blocks`;
+    /// other bits stay as they are. Blocks are in row-major order, x slowest.
     pub(crate) fn mark_blocks(&self, side: u16, blocks: &mut [u8]) {
         let [_, ny, nz] = self.blocks(side).map(usize::from);
         let side = usize::from(side);

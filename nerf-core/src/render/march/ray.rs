@@ -16,7 +16,7 @@ use glam::Vec3;
 #[derive(Clone, Copy)]
 pub(in crate::render) struct RayState {
     pub pixel: PixelRay,
-    /// Cuts of the ray's first and last bin, if the ray uses only a part of these bins.
+    /// Where the ray's first and last bin are cut, if the ray uses only parts of them.
     pub ends: Ends,
     /// Index of the next bin, or of the next drawn sample if a proposal network is used.
     pub next: u32,

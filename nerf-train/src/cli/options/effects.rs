@@ -1,4 +1,4 @@
-//! Options for the effects of a rendering.
+//! Options for a rendering's anti-aliasing, jitter, depth of field, exposure and tone curve.
 
 use anyhow::Context;
 use clap::{Args, ValueEnum, value_parser};

@@ -60,8 +60,8 @@ pub(super) fn near_foreground(views: &[View], starts: &[u64], background: Backgr
     Some(parts?.concat())
 }
 
-/// Returns the indices, among the pixels of all views, of the unmasked pixels; `None` if no view has a mask. The data
-/// set guarantees that each view has an unmasked pixel and that, with masks, there are at most 2^32 pixels in all.
+/// Returns the indices of the unmasked pixels, counted over the pixels of all views; `None` if no view has a mask. The
+/// data set guarantees that each view has an unmasked pixel and that, with masks, there are at most 2^32 pixels.
 pub(super) fn counting(views: &[View], starts: &[u64]) -> Option<Vec<u32>> {
     views.iter().any(|view| view.mask.is_some()).then_some(())?;
     let of_view = |(view, &start): (&View, &u64)| {

@@ -207,7 +207,7 @@ pub(crate) struct Facts {
     pub(crate) others: Vec<Vec<String>>,
     pub(crate) names: Vec<String>,
     pub(crate) points: usize,
-    /// Mean reprojection error of the points, pixels, from the errors that COLMAP states.
+    /// Mean of the reprojection errors that COLMAP states for the points, in pixels.
     pub(crate) mean_error: f64,
 }
 

@@ -67,7 +67,7 @@ impl Lines {
         Ok(None)
     }
 
-    /// Parses the next word of a line as a number. `field`: name of the number in the error for a bad or missing word.
+    /// Parses the next word of a line as a number. If the word is bad or missing, the error calls the number `field`.
     fn number<'w, T: std::str::FromStr>(
         &self,
         words: &mut impl Iterator<Item = &'w str>,

@@ -74,7 +74,7 @@ struct CameraFields {
 /// Values of `camera_model` that select polynomial distortion, or fisheye distortion if the field `is_fisheye` is true.
 const MODELS: &[&str] = &["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"];
 
-/// Maximum shift of the farthest corner, pixels, up to which the k4 of a polynomial lens is ignored, not refused.
+/// The k4 of a polynomial lens is ignored, not refused, if it shifts the farthest corner by at most this many pixels.
 const NEGLIGIBLE_SHIFT: f64 = 0.5;
 
 impl Transforms {

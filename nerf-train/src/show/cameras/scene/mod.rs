@@ -318,7 +318,7 @@ fn nearest_axis(views: &[View]) -> Vec3 {
     axes.into_iter().rev().max_by(|a, b| a.dot(mean).total_cmp(&b.dot(mean))).unwrap_or(Vec3::Z)
 }
 
-/// Returns the largest of 1, 2 or 5 times a power of ten that is at most `length`.
+/// Rounds `length` down to a number of the form 10^n, 2 · 10^n or 5 · 10^n.
 fn round_length(length: f32) -> f32 {
     let magnitude = 10f32.powf(length.log10().floor());
     let fits = [5.0, 2.0, 1.0].into_iter().map(|factor| factor * magnitude).find(|&round| round <= length);
