@@ -45,7 +45,7 @@ impl Quality {
     /// more than half of the density evaluations and lower the PSNR by at most 0.03 dB
     /// (`docs/journal/2026-11-22-frames.md`).
     pub const TRANSMITTANCE_CUT: f32 = 2e-2;
-    /// Default of [`Quality::colour_cut`], a sum of compositing weights.
+    /// Default of [`Quality::colour_cut`], which is a threshold on a sum of compositing weights.
     pub const COLOUR_CUT: f32 = 5e-3;
 
     /// The exact rendering: evaluates every sample inside the scene box, at the positions used in training.

@@ -291,8 +291,8 @@ pub struct ReadOptions {
     pub layout: Option<Layout>,
     /// Factor by which photographs are reduced (`--downscale`). [`Downscale::Auto`] does not reduce Blender pictures.
     pub downscale: Downscale,
-    /// Index, 0 to 7, of the validation view in each group of eight views, sorted by name. Unused if the data set
-    /// states splits.
+    /// Index, 0 to 7, of the validation view in each group of eight; the views are first sorted by name. Unused if the
+    /// data set states splits.
     pub hold_offset: usize,
     pub cameras: Cameras,
     /// File that stores shared cameras. The file is read if it was made from the same reconstruction. Otherwise it is

@@ -28,9 +28,9 @@ pub(crate) fn offset(effects: &Effects, ray: u32) -> (f32, f32) {
     }
 }
 
-/// Point number `ray` of a Fibonacci lattice of `rays` points in the unit square: the centre of a cell in a grid of
-/// `rays` × `rays` cells. The cell's column is `ray`. The cell's row is the rank of `fract(ray φ)` among the values
-/// `fract(i φ)` for `i` in `0..rays`; φ is the golden ratio.
+/// Position of ray number `ray` within the pixel: a point of a Fibonacci lattice of `rays` points. The pixel is divided
+/// into `rays` × `rays` cells, and the point is the centre of one of them. Its column is `ray`. Its row is the rank of
+/// `fract(ray φ)` among the values `fract(i φ)` for `i` in `0..rays`, where φ is the golden ratio.
 #[inline(never)]
 fn place_in_pixel(ray: u32, rays: u32) -> (f32, f32) {
     let middle = |cell: u32| (cell as f32 + 0.5) / rays as f32;

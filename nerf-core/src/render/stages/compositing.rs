@@ -49,8 +49,8 @@ impl<'w> Compositing<'w> {
     }
 
     /// Composites the block's samples and picks those whose colour or normal is evaluated. Marches each unfinished ray
-    /// to its next sample in an occupied cell. Samples of a ray that has ended are ignored and not counted. `COLLIDE`:
-    /// whether a ray ends at the sample in which its photon collides; only this sample is then picked, with weight 1.
+    /// to its next sample in an occupied cell. Samples of a ray that has ended are ignored and not counted. If `COLLIDE`
+    /// is true, a ray ends at the sample in which its photon collides, and this sample alone is picked, with weight 1.
     pub fn run<M: Math, const COLLIDE: bool>(
         &mut self,
         tile: &mut TileState<'_, '_>,

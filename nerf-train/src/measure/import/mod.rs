@@ -277,8 +277,8 @@ impl<'a> Import<'a> {
         Ok(Check { scores, quantisation_loss_db, occupancy_gain_db })
     }
 
-    /// Measures the gain of view dependence: the loss of PSNR, dB, if the encoded direction is replaced by its mean.
-    /// Removes view dependence if the gain is too small. If colour does not depend on the direction, or if
+    /// Measures how many dB of PSNR view dependence adds: by how much the PSNR falls if the encoded direction is replaced
+    /// by its mean. Removes view dependence if it adds too little. If colour does not depend on the direction, or if
     /// [`Check::is_suspicious`] is true, measures nothing and returns `None`.
     fn ask_direction(&mut self, views: &Views) -> anyhow::Result<Option<(f64, Verdict)>> {
         let rays: Vec<&View> = views.rays.iter().collect();

@@ -29,8 +29,8 @@ fn colour_index(sample: usize) -> usize {
 /// For sample `i` and channel `k`, with `g_k = 2 scale (C_k − rgb_k)` and tau = sigma · delta: `dL/dc_ik = g_k w_i`,
 /// `dL/dtau_i = Σ_k g_k (c_ik T_{i+1} − Σ_{j>i} w_j c_jk − T_end bg_k)`, where `bg` is the background.
 ///
-/// The optical depth is summed in f64 before the exponential, so that no product underflows. `d_sigma`, `[samples]`,
-/// and `d_colour`, `[blocks][3][BLOCK]`, are overwritten at the rays' samples.
+/// The transmittance T is the exponential of the optical depth summed in f64, since a product of factors could
+/// underflow. `d_sigma`, `[samples]`, and `d_colour`, `[blocks][3][BLOCK]`, are overwritten at the rays' samples.
 pub(super) fn squared_error(
     rays: &[BatchRay],
     samples: &Samples<'_>,
