@@ -36,15 +36,16 @@ fn the_samples_of_a_march_are_those_in_occupied_cells() {
             let ray = Ray { origin, dir };
             let Some((enter, exit)) = bounds.clip(&ray, 0.0, 1e9) else { continue };
             let count = ((exit - enter) / step) as u32;
-            let mut positions = Vec::new();
-            Isa::detect().run(March {
-                cells: &marched,
-                ray: &ray,
-                first: enter,
-                step,
-                count,
-                positions: &mut positions,
-            });
+            let march = |isa: Isa| {
+                let mut found = Vec::new();
+                let (cells, ray, positions) = (&marched, &ray, &mut found);
+                isa.run(March { cells, ray, first: enter, step, count, positions });
+                found
+            };
+            let positions = march(Isa::detect());
+            for isa in Isa::ALL.into_iter().filter(|isa| isa.available()) {
+                assert_eq!(march(isa), positions, "{isa:?}");
+            }
             let points = (0..count).map(|i| ray.at(enter + i as f32 * step));
             let oracle: Vec<Vec3> = points.filter(|&p| occupancy.occupied(p)).collect();
             found += positions.len();
