@@ -1,4 +1,6 @@
 //! A worker: scenes, options, outputs and memory, checked once for any number of calls.
+//!
+//! This file is longer than 400 lines, since the request, its checks and the division of its memory stay together.
 
 use crate::boundary::{
     Message, Out, Versioned, by_width, call, call_for_size, check_out, check_zeros, read_versioned, span_of,

@@ -1,4 +1,6 @@
 //! Workers. A worker has a renderer, a plan and working memory, set up once for any number of frames and queries.
+//!
+//! This file is longer than 400 lines, since each way of calling a worker is documented where it is declared.
 
 use super::frame::Frame;
 use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};
