@@ -117,9 +117,9 @@ pub(super) fn levels<'v>(grid: &GridEncoding, values: &'v [f32]) -> impl Iterato
     grid.levels().map(move |level| &values[level.first * features..][..level.entries * features])
 }
 
-/// Returns the quantisation step of each level. For coded tables, the steps are the smallest that fit the limit of
-/// bytes, or default steps without a limit. For int8, each step is the one of least squared error. For f16, which needs
-/// no steps, the result is as for int8.
+/// Returns the quantisation step of each level. Coded tables get the smallest steps with which they fit the limit of
+/// bytes; without a limit, default steps. An int8 level gets the step of least squared error. An f16 level, which needs
+/// no step, gets the same.
 pub fn scales(grid: &GridEncoding, values: &[f32], rounding: Rounding) -> Vec<f32> {
     match rounding.storage {
         TableStorage::Coded => coded::scales(grid, values, rounding.most_bytes),

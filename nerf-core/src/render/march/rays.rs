@@ -19,7 +19,7 @@ use crate::space::SceneBox;
 use crate::volume::Accumulator;
 
 /// Width and height of a packet of neighbouring rays, pixels. A packet is tested against the coarse occupancy grid as a
-/// whole. In a tile one pixel high, a packet is a row of as many rays. A packet must not have more than [`MAX_LANES`].
+/// whole, and must not have more than [`MAX_LANES`] rays. In a tile one pixel high, a packet is a row of 16 rays.
 const PACKET: (u32, u32) = (4, 4);
 
 /// The rays of the current tile that may have a sample in an occupied cell.

@@ -7,7 +7,7 @@ use std::fmt;
 
 /// Minimum fraction of photographs that have poses. Below it, a reconstruction is torn ([`Fault::Torn`]).
 const REGISTERED: f64 = 0.9;
-/// Number of photographs that a smaller reconstruction has and the largest lacks, from which on the largest is torn.
+/// The largest reconstruction is torn if a smaller one has at least this many photographs that the largest lacks.
 const OTHERS: usize = 3;
 
 /// Fault of a reconstruction: missing photographs, or photographs with wrong poses.

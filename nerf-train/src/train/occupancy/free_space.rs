@@ -10,7 +10,7 @@ use rayon::prelude::*;
 const FREE_SHARE: f32 = 0.85;
 /// Least number of crossings by lines of sight that proves a cell free; for a block, summed over its cells.
 const MIN_CROSSINGS: u32 = 3;
-/// Ratio of the lines of sight that cross a cell to those that end in it, above which the cell can be free.
+/// A cell can be free only if more than this many times as many lines of sight cross it as end in it.
 const ENDS: u32 = 4;
 /// Side of a block, in cells. Blocks are tested as a whole, in addition to their cells.
 const BLOCK: usize = 4;
