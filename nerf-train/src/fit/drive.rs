@@ -9,8 +9,9 @@ use std::time::Instant;
 
 /// Number of steps between two points of the training curve, apart from the points at validations.
 pub(super) const POINT_EVERY: u32 = 20;
-/// Length of a step, seconds, above which the state is serialised before the next step, to be saved on a signal.
-const LONG_STEP: f64 = 0.3;
+/// Time that a step or a validation takes, seconds, above which the state is serialised before the next one, to be
+/// saved on a signal. A signal during shorter work is answered after it.
+const LONG: f64 = 0.3;
 
 pub(super) type File = (PathBuf, Vec<u8>);
 
@@ -70,7 +71,8 @@ pub(super) fn drive<T: Task>(
 ) -> Result<Ended<T::Outcome>> {
     let started = task.steps();
     let mut keeper = Keeper { claim: None, last: Instant::now(), warned: false };
-    let mut last_step = 0.0;
+    // The first validation may take long.
+    let (mut last_step, mut last_validation) = (0.0, f64::INFINITY);
     loop {
         keeper.begin(task);
         let step = task.steps();
@@ -80,7 +82,7 @@ pub(super) fn drive<T: Task>(
             task.check_steps()?;
         }
         if let Some(due) = task.due(share, ended) {
-            keeper.covered(task, |task| task.validate(due))?;
+            last_validation = keeper.run(task, last_validation, |task| task.validate(due))?;
         }
         task.note(ended);
         if ended {
@@ -96,13 +98,7 @@ pub(super) fn drive<T: Task>(
         if keeper.last.elapsed().as_secs_f64() >= checkpoint_every && step > started {
             keeper.save(task, &progress);
         }
-        let begun = Instant::now();
-        if last_step > LONG_STEP {
-            keeper.covered(task, |task| task.step(share, &progress))?;
-        } else {
-            task.step(share, &progress)?;
-        }
-        last_step = begun.elapsed().as_secs_f64();
+        last_step = keeper.run(task, last_step, |task| task.step(share, &progress))?;
         progress.update(u64::from(task.steps()), &task.message());
     }
     let said = task.ended();
@@ -125,6 +121,13 @@ impl Keeper {
         if self.claim.is_none() && task.is_worth_keeping() {
             self.claim = Some(Claim::new());
         }
+    }
+
+    /// Runs `work`, covered if it took long the last time, and returns the time that it takes, seconds.
+    fn run<T: Task>(&self, task: &mut T, last: f64, work: impl FnOnce(&mut T) -> Result<()>) -> Result<f64> {
+        let begun = Instant::now();
+        if last > LONG { self.covered(task, work) } else { work(task) }?;
+        Ok(begun.elapsed().as_secs_f64())
     }
 
     /// Runs `work`, which may take long. If a signal arrives during `work`, the state before `work` is saved.
