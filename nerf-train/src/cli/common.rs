@@ -64,6 +64,7 @@ pub struct Global {
 
 impl Global {
     pub fn apply(&self) -> anyhow::Result<()> {
+        let mut pool = rayon::ThreadPoolBuilder::new();
         if let Some(threads) = self.threads {
             if threads == 0 {
                 bail!("--threads: expected at least 1, found 0");
@@ -74,10 +75,10 @@ impl Global {
                     "--threads: {threads} would only cost memory; taking {most}, {THREADS_PER_CORE} for each core"
                 ));
             }
-            let threads = threads.min(most);
-            rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("--threads")?;
+            pool = pool.num_threads(threads.min(most));
         }
-        Ok(())
+        // This thread is one of the pool: a training step waits for no other thread to begin and to end it.
+        pool.use_current_thread().build_global().context("--threads")
     }
 
     pub fn kernel(&self) -> Kernel {
