@@ -1,6 +1,7 @@
 //! Data types of a blob's body: everything in a `*.nerf` file after the header.
 
 use crate::encoding::{GridEncoding, SinusoidalEncoding};
+use crate::math::length;
 use crate::network::{Architecture, DensityActivation, MAX_TRUNK, Shading, TrunkLayer};
 use crate::space::{Contraction, SceneBox};
 use glam::Vec3;
@@ -232,7 +233,7 @@ impl SceneFacts {
 
     /// Length of the scene box's diagonal, world units.
     pub(crate) fn diagonal(&self) -> f32 {
-        (Vec3::from(self.max) - Vec3::from(self.min)).length()
+        length(Vec3::from(self.max) - Vec3::from(self.min))
     }
 }
 

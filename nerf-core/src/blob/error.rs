@@ -107,9 +107,9 @@ errors! {
     /// unknown tag, text that is not UTF-8, or an early end.
     Body(section: Section) =>
         "{section}: expected this format's lists, numbers, tags and texts and an end, found others";
-    /// The body is not in canonical form: a number takes more bytes than needed, or bytes follow the last section.
-    /// `at`: offset of the first byte that differs from the canonical form, bytes from the start of the body.
-    Form { at: u64 } => "body: expected canonical postcard, found another form at byte {at}";
+    /// The body is longer than its canonical form: a number takes more bytes than needed, or bytes follow the last
+    /// section.
+    Form { expected: u64, found: u64 } => "body: expected {expected} bytes of canonical postcard, found {found}";
     Architecture(error: ArchitectureError) => "architecture: {error}";
     ProposalArchitecture(error: ArchitectureError) => "proposal: {error}";
     Front { index: u8, fault: FrontFault } => "front point {index}: {fault}";

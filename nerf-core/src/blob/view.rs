@@ -5,12 +5,13 @@ use super::check::{check_coded, check_undecoded};
 use super::coded;
 use super::error::{BlobError, Section};
 use super::header;
+use super::write::body_len;
+use crate::errors::ensure;
 use crate::network::{Architecture, Layers};
 use crate::sampling::OccupancyGrid;
 use crate::space::SceneBox;
 use postcard::Deserializer;
 use postcard::de_flavors::Slice;
-use postcard::ser_flavors::Flavor;
 use serde::Deserialize;
 
 /// First byte of a blob's body if the position encoding is a grid.
@@ -184,38 +185,10 @@ fn read<'a, T: Deserialize<'a>>(
     T::deserialize(input).map_err(|_| BlobError::Body(section))
 }
 
-/// Checks that `bytes`, from which `body` was read, equal the bytes that are written for `body`. A body has only one
-/// valid encoding.
+/// Checks that `bytes`, from which `body` was read, have the length that is written for `body`. A body has one valid
+/// encoding: any other has bytes after its end, or an integer in more bytes than it needs, and is longer.
 fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
-    let mut rest = bytes;
-    match postcard::serialize_with_flavor(body, Compare { rest: &mut rest }) {
-        Ok(()) if rest.is_empty() => Ok(()),
-        _ => Err(BlobError::Form { at: (bytes.len() - rest.len()) as u64 }),
-    }
-}
-
-/// A serialiser that compares its output with the bytes of a blob's body, and fails at the first difference.
-struct Compare<'c, 'a> {
-    /// The bytes of the body that are not yet compared with the serialiser's output.
-    rest: &'c mut &'a [u8],
-}
-
-impl Flavor for Compare<'_, '_> {
-    type Output = ();
-
-    // Not inlined: every field of a body calls this function, and copies would be much of a microcontroller's code.
-    #[inline(never)]
-    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
-        self.try_extend(&[byte])
-    }
-
-    #[inline(never)]
-    fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
-        *self.rest = self.rest.strip_prefix(bytes).ok_or(postcard::Error::DeserializeBadEncoding)?;
-        Ok(())
-    }
-
-    fn finalize(self) -> postcard::Result<()> {
-        Ok(())
-    }
+    let (expected, found) = (body_len(body), bytes.len());
+    ensure!(expected == found, BlobError::Form { expected: expected as u64, found: found as u64 });
+    Ok(())
 }

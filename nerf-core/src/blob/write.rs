@@ -11,10 +11,14 @@ use super::header::{self, HEADER_LEN};
 /// The errors of [`write()`], except [`BlobError::Space`].
 pub fn encoded_len(body: &Body<'_>) -> Result<usize, BlobError> {
     check(body)?;
+    Ok(HEADER_LEN.saturating_add(body_len(body)))
+}
+
+/// Returns the number of bytes of a blob's body.
+pub(super) fn body_len(body: &Body<'_>) -> usize {
     let size = postcard::ser_flavors::Size::default();
     // Counting bytes does not fail. If it did, `write` would fail for lack of space.
-    let length = postcard::serialize_with_flavor(body, size).unwrap_or(usize::MAX);
-    Ok(HEADER_LEN.saturating_add(length))
+    postcard::serialize_with_flavor(body, size).unwrap_or(usize::MAX)
 }
 
 /// Writes a blob (a header, then `body`) to the beginning of `out` and returns the written bytes.

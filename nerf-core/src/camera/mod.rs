@@ -7,6 +7,7 @@ pub use lens::{Lens, Projection};
 pub(crate) use pinhole::PinholeRays;
 
 use crate::errors::errors;
+use crate::math::length;
 use glam::{Mat3, Vec2, Vec3};
 
 #[cfg(test)]
@@ -97,10 +98,10 @@ impl Pose {
     pub fn look_at(eye: Vec3, target: Vec3, up: Vec3) -> Option<Self> {
         let backward = unit(eye - target)?;
         let side = unit(up)?.cross(backward);
-        if side.length() < 1e-4 {
+        if length(side) < 1e-4 {
             return None;
         }
-        let right = side.try_normalize()?;
+        let right = unit(side)?;
         Some(Self { rotation: Mat3::from_cols(right, backward.cross(right), backward), position: eye })
     }
 
@@ -124,7 +125,7 @@ impl Pose {
     /// View direction of the camera: a unit vector in world space.
     pub fn forward(&self) -> Vec3 {
         // A pose is a rotation only within 1e-3, so that the axis needs normalisation.
-        (-self.rotation.z_axis).normalize_or_zero()
+        unit(-self.rotation.z_axis).unwrap_or_default()
     }
 }
 
@@ -141,7 +142,9 @@ fn unit(v: Vec3) -> Option<Vec3> {
     } else {
         1.0
     };
-    (v * scale).try_normalize()
+    let v = v * scale;
+    let inverse = 1.0 / length(v);
+    (inverse > 0.0 && inverse.is_finite()).then(|| v * inverse)
 }
 
 /// A camera with checked parameters: every pixel has a ray.
@@ -296,7 +299,7 @@ impl Camera {
     fn towards(&self, dir: Vec3) -> Ray {
         let local = Vec3::new(dir.x, -dir.y, -dir.z);
         let dir = self.pose.rotation * local;
-        Ray { origin: self.pose.position, dir: dir.normalize() }
+        Ray { origin: self.pose.position, dir: dir * (1.0 / length(dir)) }
     }
 
     /// Returns the ray through the image point `(x, y)`, pixels. The point may lie outside of the image, where

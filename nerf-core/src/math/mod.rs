@@ -27,6 +27,12 @@ pub use elementary::Elementary;
 pub(crate) use sum::Sum;
 
 use crate::simd::Lanes;
+use glam::Vec3;
+
+/// Length of a vector: that of glam, with [`Lanes::sqrt`], which is an instruction on microcontrollers with an FPU.
+pub(crate) fn length(v: Vec3) -> f32 {
+    Lanes::sqrt(v.length_squared())
+}
 
 /// Backend that computes the elementary functions (sin, cos, exp, …).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]

@@ -4,7 +4,7 @@
 
 use crate::blob::{Blob, MAX_SAMPLES, SceneFacts, SceneSampling, steps};
 use crate::camera::Ray;
-use crate::math::MathBackend;
+use crate::math::{MathBackend, length};
 use crate::sampling::{Bins, Ends, OccupancyGrid, SampleInterval, SampleJitter, Spacing};
 use crate::simd::BLOCK;
 use crate::space::{BoundsError, Contraction, SceneBox};
@@ -353,10 +353,10 @@ impl<'a> Plan<'a> {
             return self.far.min(self.range.1);
         }
         if let Some(contraction) = &self.contraction {
-            return ((eye - contraction.centre()).length() + self.far).min(self.range.1);
+            return (length(eye - contraction.centre()) + self.far).min(self.range.1);
         }
         let reach = (eye - self.bounds.min).abs().max((eye - self.bounds.max).abs());
-        self.far.max(reach.length()).min(self.range.1)
+        self.far.max(length(reach)).min(self.range.1)
     }
 
     /// Whether a point of the network's space ([`Plan::inside`]) is in an occupied cell. Without an occupancy grid,

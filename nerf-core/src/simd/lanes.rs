@@ -198,6 +198,17 @@ pub(crate) const LANES: [f32; MAX_LANES] =
 /// Bits of the f32 nearest to √½, the lower bound of the mantissa in `split_exponent`.
 pub(crate) const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
 
+// The crate `libm` does not use the instruction of microcontrollers, and takes 500 bytes of flash.
+#[cfg(not(all(target_arch = "arm", target_abi = "eabihf")))]
+use libm::sqrtf as square_root;
+
+// SAFETY: this ABI passes the argument and the result in s0, a register of an FPU that has the instruction.
+#[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
+#[unsafe(naked)]
+extern "C" fn square_root(x: f32) -> f32 {
+    core::arch::naked_asm!(".fpu vfpv2", "vsqrt.f32 s0, s0", "bx lr")
+}
+
 impl Lanes for f32 {
     const COUNT: usize = 1;
     const TILE_ROWS: usize = 4;
@@ -226,7 +237,7 @@ impl Lanes for f32 {
         fn mul_add(self, b: Self, c: Self) -> Self = self * b + c;
         fn max_of(self, b: Self) -> Self = if self > b { self } else { b };
         fn min_of(self, b: Self) -> Self = if self < b { self } else { b };
-        fn sqrt(self) -> Self = libm::sqrtf(self);
+        fn sqrt(self) -> Self = square_root(self);
         fn abs(self) -> Self = f32::from_bits(self.to_bits() & 0x7fff_ffff);
         fn exp2_integer(self) -> Self = f32::from_bits(((self as i32 + 127) as u32) << 23);
         fn equals(self, b: Self) -> bool = self == b;

@@ -174,7 +174,7 @@ fn headers_are_checked_field_by_field() {
     // Bytes within the announced length, but behind the body.
     let mut inside = blob[HEADER_LEN..].to_vec();
     inside.push(0);
-    assert_eq!(error(&with_body(&inside)), BlobError::Form { at: body });
+    assert_eq!(error(&with_body(&inside)), BlobError::Form { expected: body, found: body + 1 });
 }
 
 #[test]
@@ -188,7 +188,8 @@ fn non_canonical_numbers_are_refused() {
     let mut body = blob[HEADER_LEN..at].to_vec();
     body.extend([length as u8 | 0x80, 0x00]);
     body.extend_from_slice(&blob[at + 1..]);
-    assert_eq!(error(&with_body(&body)), BlobError::Form { at: (at - HEADER_LEN) as u64 });
+    let found = body.len() as u64;
+    assert_eq!(error(&with_body(&body)), BlobError::Form { expected: found - 1, found });
     // A length of 2^64 - 1, and one that no varint has.
     for prefix in [[0xff; 9].as_slice(), [0xff; 10].as_slice()] {
         let mut body = blob[HEADER_LEN..at].to_vec();
