@@ -20,7 +20,7 @@ use std::vec;
 /// let pose = Pose::look_at(Vec3::new(2.0, -3.0, 1.5), Vec3::ZERO, Vec3::Z).ok_or("no pose")?;
 /// let camera = Camera::new(Intrinsics::centred(800, 600, 900.0), Lens::NONE, pose)?;
 /// let image = scene.render(&camera)?;
-/// image::save_buffer("lego.png", &image.rgb8(), 800, 600, image::ColorType::Rgb8)?;
+/// std::fs::write("lego.ppm", [b"P6 800 600 255\n".as_slice(), &image.rgb8()].concat())?;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug)]

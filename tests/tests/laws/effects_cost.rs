@@ -42,7 +42,7 @@ struct Build {
 }
 
 fn build(features: &str, scene: &Path) -> Build {
-    let program = build_alone(&["-p", "nerf-core", "--example", "checksum", "--features", features]);
+    let program = build_alone("nerf-core", &["--example", "checksum", "--features", features]);
     let program = program.iter().find(|file| file.ends_with("checksum")).expect("the example");
     let output = run(Command::new(program).arg(scene)).stdout;
     let line = |line: &str| {
@@ -174,7 +174,7 @@ fn compare(part: &[(&str, &[&str], &[&str])], none: &Build, all: &Build, scene: 
 
 #[test]
 fn the_c_library_without_effects_has_none_of_their_code() {
-    let files = build_alone(&["-p", "nerf-render-ffi", "--lib", "--features", "std"]);
+    let files = build_alone("nerf-render-ffi", &["--lib", "--features", "std"]);
     let without = files.iter().find(|file| file.ends_with("libnerf_render.a")).expect("a static library");
     let with = nerf_tests::build::libraries().archive;
     let symbols = |library: &Path| {
