@@ -107,7 +107,8 @@ fn contracted_span(
     }
     let enter = contraction.step_at(plan.near.max(t_min) - start);
     let far = contraction.step_at(plan.far);
-    let stop = contraction.step_at(t_max - start);
+    // A stop behind `far` makes no difference. For most rays there is none.
+    let stop = if t_max - start < plan.far { contraction.step_at(t_max - start) } else { far };
     let (Bins { ends, .. }, bins) = plan.bins.cut(enter, far, stop);
     (enter < far.min(stop)).then_some(Span { ray: centred, start, bins, ends })
 }

@@ -29,6 +29,12 @@ impl Lens {
         if self.projection == Projection::Fisheye {
             return self.fisheye_seen(Vec3::new(x, y, 1.0));
         }
+        self.distort_perspective(x, y)
+    }
+
+    // Inlined, as is the Jacobian: Newton's method needs both at a point, and they share half of their work.
+    #[inline(always)]
+    fn distort_perspective(&self, x: f32, y: f32) -> (f32, f32) {
         let r2 = x * x + y * y;
         let (radial, _) = self.radial(r2);
         (
@@ -73,7 +79,7 @@ impl Lens {
         }
         let (mut x, mut y) = (xd, yd);
         for _ in 0..20 {
-            let (fx, fy) = self.distort(x, y);
+            let (fx, fy) = self.distort_perspective(x, y);
             let (ex, ey) = (fx - xd, fy - yd);
             let ([a, b], [c, d]) = self.jacobian(x, y);
             let det = a * d - b * c;
@@ -146,6 +152,7 @@ impl Lens {
     }
 
     /// Returns the radial factor at `r2`, the squared distance from the axis, and its derivative with respect to `r2`.
+    #[inline(always)]
     fn radial(&self, r2: f32) -> (f32, f32) {
         let above = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
         let slope = self.k1 + r2 * (2.0 * self.k2 + r2 * (3.0 * self.k3));
@@ -283,6 +290,7 @@ impl Lens {
     }
 
     /// Returns the Jacobian of [`Self::distort`] at `(x, y)`: rows are outputs, columns inputs.
+    #[inline(always)]
     pub(super) fn jacobian(&self, x: f32, y: f32) -> ([f32; 2], [f32; 2]) {
         let r2 = x * x + y * y;
         let (radial, slope) = self.radial(r2);
