@@ -37,7 +37,7 @@ fn cargo() -> OsString {
 
 /// Builds `package` with only the features in `arguments`. Returns the files that cargo reports.
 ///
-/// The build has a target directory of the package, so that it blocks no other build, and its own profile, without slow
+/// Each package has a target directory of its own, so that no build waits for another, and a profile without slow
 /// optimisation across crates. The build uses one codegen unit, since inlining across units changes more code than an
 /// effect has. The build is not incremental, since incremental builds keep unused functions. Debug information is
 /// limited to line tables.

@@ -185,8 +185,8 @@ fn read<'a, T: Deserialize<'a>>(
     T::deserialize(input).map_err(|_| BlobError::Body(section))
 }
 
-/// Checks that `bytes`, from which `body` was read, have the length that is written for `body`. A body has one valid
-/// encoding: any other has bytes after its end, or an integer in more bytes than it needs, and is longer.
+/// Checks that `bytes`, from which `body` was read, are the canonical form of `body`, by their length alone. Any other
+/// form is longer: an integer takes more bytes than needed, or bytes follow the last section.
 fn check_form(body: &Body<'_>, bytes: &[u8]) -> Result<(), BlobError> {
     let (expected, found) = (body_len(body), bytes.len());
     ensure!(expected == found, BlobError::Form { expected: expected as u64, found: found as u64 });

@@ -1,6 +1,7 @@
 //! Elementary functions. The crate `micromath` is called only in this module. The crate `libm` is called only in this
-//! module and in [`Lanes::sqrt`] of the type `f32`. In the table, "own" is the project's f32 polynomials, and "exact
-//! reduction" is the reduction of the angle in [`Math::sin_cos_pi`], for encodings of scale π only.
+//! module and, except on ARM with an FPU, in [`Lanes::sqrt`] of the type `f32`. In the table, "own" is the project's
+//! f32 polynomials, and "exact reduction" is the reduction of the angle in [`Math::sin_cos_pi`], for encodings of scale
+//! π only.
 //!
 //! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
 //! | --- | --- | --- | --- | --- |
@@ -29,7 +30,8 @@ pub(crate) use sum::Sum;
 use crate::simd::Lanes;
 use glam::Vec3;
 
-/// Length of a vector: that of glam, with [`Lanes::sqrt`], which is an instruction on microcontrollers with an FPU.
+/// Returns `v.length()`, bit for bit. On ARM with an FPU, [`Lanes::sqrt`] is an instruction, where glam computes square
+/// roots in software. Used in what every firmware links.
 pub(crate) fn length(v: Vec3) -> f32 {
     Lanes::sqrt(v.length_squared())
 }

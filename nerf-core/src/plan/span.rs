@@ -107,7 +107,7 @@ fn contracted_span(
     }
     let enter = contraction.step_at(plan.near.max(t_min) - start);
     let far = contraction.step_at(plan.far);
-    // A stop behind `far` makes no difference. For most rays there is none.
+    // A stop behind `far` changes nothing. Few rays have another, so that its conversion is mostly skipped.
     let stop = if t_max - start < plan.far { contraction.step_at(t_max - start) } else { far };
     let (Bins { ends, .. }, bins) = plan.bins.cut(enter, far, stop);
     (enter < far.min(stop)).then_some(Span { ray: centred, start, bins, ends })

@@ -198,11 +198,12 @@ pub(crate) const LANES: [f32; MAX_LANES] =
 /// Bits of the f32 nearest to √½, the lower bound of the mantissa in `split_exponent`.
 pub(crate) const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
 
-// The crate `libm` does not use the instruction of microcontrollers, and takes 500 bytes of flash.
+// On ARM, the crate `libm` computes square roots in software, in 500 bytes of flash.
 #[cfg(not(all(target_arch = "arm", target_abi = "eabihf")))]
 use libm::sqrtf as square_root;
 
-// SAFETY: this ABI passes the argument and the result in s0, a register of an FPU that has the instruction.
+// SAFETY: this ABI passes the argument and the result in s0, a register of an FPU that has the instruction. `.fpu`
+// states this to the assembler, which does not know the target's features.
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 #[unsafe(naked)]
 extern "C" fn square_root(x: f32) -> f32 {

@@ -77,8 +77,10 @@ impl Global {
             }
             pool = pool.num_threads(threads.min(most));
         }
-        // This thread is one of the pool: a training step waits for no other thread to begin and to end it.
-        pool.use_current_thread().build_global().context("--threads")
+        // This thread is part of the pool, so that a training step begins and ends without waking another.
+        pool.use_current_thread()
+            .build_global()
+            .context("cannot start the threads; --threads sets their number")
     }
 
     pub fn kernel(&self) -> Kernel {

@@ -123,7 +123,8 @@ impl Keeper {
         }
     }
 
-    /// Runs `work`, covered if it took long the last time, and returns the time that it takes, seconds.
+    /// Runs `work` and returns its time, seconds. Saves the state as [`Self::covered`] does only if `last`, the time of
+    /// the last work of this kind, is above [`LONG`].
     fn run<T: Task>(&self, task: &mut T, last: f64, work: impl FnOnce(&mut T) -> Result<()>) -> Result<f64> {
         let begun = Instant::now();
         if last > LONG { self.covered(task, work) } else { work(task) }?;

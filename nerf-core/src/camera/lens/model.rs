@@ -32,7 +32,8 @@ impl Lens {
         self.distort_perspective(x, y)
     }
 
-    // Inlined, as is the Jacobian: Newton's method needs both at a point, and they share half of their work.
+    /// [`Self::distort`] for a perspective lens. Inlined, as is the Jacobian, since Newton's method needs both at each
+    /// point, and they share the radial factor.
     #[inline(always)]
     fn distort_perspective(&self, x: f32, y: f32) -> (f32, f32) {
         let r2 = x * x + y * y;

@@ -85,19 +85,9 @@ impl Op for Mask<'_> {
 
 /// Transposes `channels`, `[channels][stride]`, to `rows`, `[count][width]`: a row per sample, a column per channel.
 pub(super) fn to_rows(channels: &[f32], stride: usize, count: usize, rows: &mut [f32], width: usize) {
-    let mut fours = channels.chunks_exact(4 * stride);
-    let mut first = 0;
-    for four in &mut fours {
-        let [a, b, c, d] = std::array::from_fn(|channel| &four[channel * stride..][..count]);
-        let values = a.iter().zip(b).zip(c).zip(d);
-        for (row, (((&a, &b), &c), &d)) in rows.chunks_exact_mut(width).zip(values) {
-            row[first..first + 4].copy_from_slice(&[a, b, c, d]);
-        }
-        first += 4;
-    }
-    for (values, channel) in fours.remainder().chunks_exact(stride).zip(first..) {
-        for (row, &value) in rows.chunks_exact_mut(width).zip(&values[..count]) {
-            row[channel] = value;
+    for (sample, row) in rows.chunks_exact_mut(width).take(count).enumerate() {
+        for (value, channel) in row.iter_mut().zip(channels.chunks_exact(stride)) {
+            *value = channel[sample];
         }
     }
 }
