@@ -55,7 +55,8 @@ impl Span {
             return None;
         }
         if let Some(contraction) = &plan.contraction {
-            return contracted_span(plan, contraction, ray, range);
+            let Ray { origin, dir } = ray;
+            return Spans::contracted(plan, contraction, origin.to_array(), dir.to_array(), range).span(ray);
         }
         let bins = plan.marched_bins();
         // With a proposal network the range cuts the drawn samples, not the bins.
@@ -88,31 +89,6 @@ impl Span {
     }
 }
 
-/// The sampled part of a ray through an unbounded scene; `None` if the part is empty.
-///
-/// The part begins at [`Plan::near`] or at `t_min`, whichever is farther. The part ends at [`Plan::far`] or at `t_max`,
-/// whichever is nearer. `far` is a distance from the ray's point nearest to the contraction's centre; `near`, `t_min`
-/// and `t_max` are distances from the ray's origin.
-#[inline(never)]
-fn contracted_span(
-    plan: &Plan<'_>,
-    contraction: &Contraction,
-    ray: &Ray,
-    [t_min, t_max]: [f32; 2],
-) -> Option<Span> {
-    // The nearest point to the centre overflows if the ray's origin is near the largest f32.
-    let (centred, start) = contraction.centred(ray);
-    if !(ray.origin.is_finite() && ray.dir.is_finite() && centred.origin.is_finite()) {
-        return None;
-    }
-    let enter = contraction.step_at(plan.near.max(t_min) - start);
-    let far = contraction.step_at(plan.far);
-    // A stop behind `far` changes nothing. Few rays have another, so that its conversion is mostly skipped.
-    let stop = if t_max - start < plan.far { contraction.step_at(t_max - start) } else { far };
-    let (Bins { ends, .. }, bins) = plan.bins.cut(enter, far, stop);
-    (enter < far.min(stop)).then_some(Span { ray: centred, start, bins, ends })
-}
-
 /// One value for each of up to [`MAX_LANES`] rays.
 type Row = [f32; MAX_LANES];
 
@@ -131,6 +107,9 @@ impl<V: Lanes> Spans<V> {
     /// `t_min` and `t_max`: nearest and farthest visible distance along each ray, world units.
     #[inline(always)]
     fn new(plan: &Plan<'_>, around: &SceneBox, origin: [V; 3], dir: [V; 3], [t_min, t_max]: [V; 2]) -> Self {
+        if let Some(contraction) = &plan.contraction {
+            return Self::contracted(plan, contraction, origin, dir, [t_min, t_max]);
+        }
         let (zero, bins, most) = (V::splat(0.0), plan.marched_bins(), V::splat(f32::MAX));
         let (near, far) = match plan.lattice {
             Lattice::Own => (V::splat(plan.near).max_of(t_min), V::splat(plan.far).min_of(t_max)),
@@ -158,6 +137,42 @@ impl<V: Lanes> Spans<V> {
         let last = V::select(zero.less(meets), seen[1].min_of(own[1]), zero);
         Self { origin, start, bins: [seen[0].max_of(own[0]), last], ends }
     }
+
+    /// Computes the sampled parts of a vector of rays through an unbounded scene.
+    ///
+    /// The part begins at [`Plan::near`] or at `t_min`, whichever is farther. The part ends at [`Plan::far`] or at
+    /// `t_max`, whichever is nearer. `far` is a distance from the ray's point nearest to the contraction's centre;
+    /// `near`, `t_min` and `t_max` are distances from the ray's origin.
+    #[inline(always)]
+    fn contracted(
+        plan: &Plan<'_>,
+        contraction: &Contraction,
+        from: [V; 3],
+        dir: [V; 3],
+        [t_min, t_max]: [V; 2],
+    ) -> Self {
+        let (zero, last) = (V::splat(0.0), V::splat(plan.far));
+        let mut toward = zero;
+        for (axis, centre) in contraction.centre().to_array().into_iter().enumerate() {
+            toward = toward.add(V::splat(centre).sub(from[axis]).mul(dir[axis]));
+        }
+        let start = toward.max_of(zero);
+        let origin = along(from, dir, start);
+        // 0 if all values are finite, else NaN. The origin overflows if the ray begins near the largest f32.
+        let mut finite = zero;
+        for axis in 0..3 {
+            for x in [from[axis], dir[axis], origin[axis]] {
+                finite = finite.add(x.sub(x));
+            }
+        }
+        let enter = contraction.step_at(V::splat(plan.near).max_of(t_min).sub(start));
+        let far = V::splat(contraction.step_at(plan.far));
+        let stop = t_max.sub(start);
+        let stop = V::select(stop.less(last), contraction.step_at(stop), far);
+        let (ends, [first, end]) = plan.bins.cut_lanes(enter, far, stop);
+        let end = V::select(enter.less(far.min_of(stop)), end, zero);
+        Self { origin, start, bins: [first, V::select(finite.equals(zero), end, zero)], ends }
+    }
 }
 
 impl Spans {
@@ -172,17 +187,27 @@ impl Spans {
     #[inline]
     pub fn of(&self, i: usize, ray: &Ray) -> Option<Span> {
         let at = |row: &Row| row[i % MAX_LANES];
-        let bins = at(&self.bins[0]) as u32..at(&self.bins[1]) as u32;
+        let bins = [at(&self.bins[0]), at(&self.bins[1])];
         // Copies field by field, since `map` on an array compiles to a function call.
         let ([x, y, z], [start, low, high, far, stop]) = (&self.origin, &self.ends);
-        let ray = Ray { origin: Vec3::new(at(x), at(y), at(z)), ..*ray };
-        let ends = Ends { start: at(start), low: at(low), high: at(high), far: at(far), stop: at(stop) };
-        (bins.start < bins.end).then_some(Span { ray, start: at(&self.start), bins, ends })
+        let ends = [at(start), at(low), at(high), at(far), at(stop)];
+        Spans { origin: [at(x), at(y), at(z)], start: at(&self.start), bins, ends }.span(ray)
     }
 }
 
-/// Operation that computes [`Span::new`] for up to [`MAX_LANES`] rays at once, with bit-identical results. For bounded
-/// scenes without a proposal network.
+impl Spans<f32> {
+    /// Returns the sampled part of `ray`, which the values were computed from; `None` if nothing is sampled.
+    #[inline]
+    fn span(self, ray: &Ray) -> Option<Span> {
+        let Self { origin, start, bins: [first, end], ends: [from, low, high, far, stop] } = self;
+        let ray = Ray { origin: Vec3::from_array(origin), ..*ray };
+        let (bins, ends) = (first as u32..end as u32, Ends { start: from, low, high, far, stop });
+        (bins.start < bins.end).then_some(Span { ray, start, bins, ends })
+    }
+}
+
+/// Operation that computes [`Span::new`] for up to [`MAX_LANES`] rays at once, with bit-identical results. For scenes
+/// without a proposal network.
 pub(crate) struct SpanAll<'a> {
     pub plan: &'a Plan<'a>,
     pub around: &'a SceneBox,

@@ -174,6 +174,12 @@ impl Bins {
         distance.sub(V::splat(self.near)).div(V::splat(self.delta))
     }
 
+    /// Index range of the bins that lie between two positions along the ray.
+    #[inline]
+    pub(crate) fn between(&self, [from, to]: [f32; 2]) -> Range<u32> {
+        self.position(from) as u32 + 1..self.position(to) as u32
+    }
+
     /// Number of bins.
     pub fn count(&self) -> u32 {
         self.count

@@ -34,13 +34,32 @@ impl<V: Lanes> OccupancyLanes<'_, V> {
     /// `points`: x, y and z of the points. A point outside the box is looked up in the nearest cell.
     #[inline(always)]
     pub fn occupied(&self, points: [V; 3]) -> u32 {
-        let mut cells = points;
-        for (axis, cell) in cells.iter_mut().enumerate() {
-            let at = cell.sub(self.min[axis]).mul(self.scale[axis]);
-            // Rounded and clamped as in `cell_of`.
-            *cell = at.floor().min_of(self.last[axis]).max_of(V::splat(0.0));
+        let mut cells = self.cells_of(points);
+        for (cell, last) in cells.iter_mut().zip(self.last) {
+            *cell = cell.min_of(last).max_of(V::splat(0.0));
         }
-        let ([x, y, z], [ny, nz]) = (cells, self.sides);
+        self.bits_of(cells)
+    }
+
+    /// Looks up a vector of points, as [`OccupancyLanes::occupied`] does, that all lie inside the box, away from its
+    /// faces.
+    #[inline(always)]
+    pub fn occupied_inside(&self, points: [V; 3]) -> u32 {
+        self.bits_of(self.cells_of(points))
+    }
+
+    /// Indices of the cells that contain `points`, rounded as in `cell_of`. Not clamped to the grid.
+    #[inline(always)]
+    fn cells_of(&self, mut points: [V; 3]) -> [V; 3] {
+        for axis in 0..3 {
+            points[axis] = points[axis].sub(self.min[axis]).mul(self.scale[axis]).floor();
+        }
+        points
+    }
+
+    #[inline(always)]
+    fn bits_of(&self, [x, y, z]: [V; 3]) -> u32 {
+        let [ny, nz] = self.sides;
         let index = if self.exact {
             x.mul_add(ny, y).mul_add(nz, z).to_indices()
         } else {

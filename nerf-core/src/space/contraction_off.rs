@@ -23,13 +23,13 @@ impl Contraction {
         pub fn power(&self) -> u8;
         pub fn contract(&self, Vec3) -> Vec3;
         pub fn contract_lanes<V: Lanes>(&self, [V; 3]) -> [V; 3];
-        pub(crate) fn keeps(&self, &Ray, f32, f32) -> bool;
+        pub(crate) fn kept(&self, &Ray) -> [f32; 2];
         pub(crate) fn kept_lanes<V: Lanes>(&self, [V; 3]) -> [V; 3];
         #[cfg(feature = "normals")]
         pub(crate) fn gradient_in_world(&self, Vec3, Vec3) -> Vec3;
         pub fn centred(&self, &Ray) -> (Ray, f32);
         pub fn distance(&self, f32) -> f32;
         pub fn distance_lanes<V: Lanes>(&self, V) -> V;
-        pub fn step_at(&self, f32) -> f32;
+        pub fn step_at<V: Lanes>(&self, V) -> V;
     }
 }

@@ -9,17 +9,24 @@ use glam::Vec3;
 use std::vec::Vec;
 
 /// Compares [`SpanAll`] with [`Span::new`]: rays through the box, past it, from inside and along its axes, with and
-/// without limits of distance, in every lattice of a bounded scene.
+/// without limits of distance, in every lattice.
 #[test]
 fn spans_of_many_rays_are_those_of_each() {
     let (weights, _) = halve(&parameters(&every_kind(), 1));
     let (mut hits, mut asked) = (0, 0);
-    for lattice in [Lattice::Own, Lattice::Extended, Lattice::March] {
+    for lattice in [Lattice::Own, Lattice::Extended, Lattice::March, Lattice::Contracted] {
         let content = Content::Scene(SCENE);
         let bytes = bytes(&Body { content, ..body(every_kind(), None, &weights) });
         let blob = Blob::open(&bytes).unwrap();
         let mut plan = Plan::new(&blob, &Quality::default(), Outputs::ALL, Batch::FULL).unwrap();
         plan.lattice = lattice;
+        if lattice == Lattice::Contracted {
+            plan.contraction = Contraction::new(&plan.bounds, 2);
+            plan.bins = Bins::of_width(-2.5, 0.02, 250);
+            if plan.contraction.is_none() {
+                continue;
+            }
+        }
         let (min, max) = (plan.bounds.min, plan.bounds.max);
         let around = SceneBox { min: min + 0.1 * (max - min), max };
         for packet in 0..60u32 {

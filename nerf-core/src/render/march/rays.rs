@@ -10,7 +10,7 @@ use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
 use crate::camera::Ray;
 use crate::math::Math;
 use crate::memory::{Layout, head, head_mut, put};
-use crate::plan::{Plan, Span, SpanAll, Spans};
+use crate::plan::{Lattice, Plan, Span, SpanAll, Spans};
 use crate::render::field::Field;
 use crate::render::pixel::{PixelRay, Pixels, RaySource, Rect, Target};
 use crate::sampling::SampleJitter;
@@ -80,12 +80,15 @@ impl<'f, 'w> Rays<'f, 'w> {
     ) {
         let tile = pixels.tile;
         (self.hits, self.turn) = (0, pixels.turn);
-        if let Some(&Some(packets)) = self.packets.first()
+        let packets = self.packets.first().copied().flatten();
+        if (packets.is_some() || self.field.plan.lattice == Lattice::Contracted)
+            && VECTORS
+            && !self.samples.is_on()
             && tile.width * tile.height > 1
         {
             let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
             for part in tile.tiles(across, down) {
-                self.start_packet::<M, COLLIDE>(&packets, part, pixels, source, target);
+                self.start_packet::<M, COLLIDE>(packets.as_ref(), part, pixels, source, target);
             }
             return;
         }
@@ -99,7 +102,7 @@ impl<'f, 'w> Rays<'f, 'w> {
     /// Starts the rays of the pixels in `part` as [`Rays::start`] does, but looks up empty space for all rays at once.
     fn start_packet<M: Math, const COLLIDE: bool>(
         &mut self,
-        packets: &Packets<'_>,
+        packets: Option<&Packets<'_>>,
         part: Rect,
         pixels: &mut Pixels<'_, '_>,
         source: &impl RaySource,
@@ -115,7 +118,8 @@ impl<'f, 'w> Rays<'f, 'w> {
             [ranges[0][i], ranges[1][i]] = plan.range_of(t_min, t_max);
         }
         pixels.counters.rays += rays.len() as u64;
-        let Some(intervals) = packets.intervals_of(isa, rays) else {
+        let intervals = packets.map_or(Some(Intervals::ALL), |packets| packets.intervals_of(isa, rays));
+        let Some(intervals) = intervals else {
             for ((pixel, ray), end) in part.pixels().zip(rays).zip(ranges[1]) {
                 pixels.miss::<M>(pixel, source.far(ray).min(end), target);
             }

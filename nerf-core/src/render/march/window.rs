@@ -5,6 +5,7 @@ use crate::camera::Ray;
 use crate::sampling::{Bins, OccupancyGrid, OccupancyLanes};
 use crate::simd::Lanes;
 use crate::space::Contraction;
+use core::ops::Range;
 
 #[cfg(test)]
 mod tests;
@@ -65,10 +66,11 @@ impl LookUp<'_> {
         if from >= end {
             return end;
         }
+        let kept = self.contraction.map_or(0..0, |contraction| self.bins.between(contraction.kept(self.ray)));
         let mut found = Window { end: from, occupied: 0 };
         while found.occupied == 0 && found.end < end {
             let from = self.candidates.next(found.end).min(end);
-            let occupied = if from < end { self.occupied(lanes, from) } else { 0 };
+            let occupied = if from < end { self.occupied(lanes, from, &kept) } else { 0 };
             found = Window { end: from + WIDTH, occupied };
         }
         *window = found;
@@ -76,22 +78,23 @@ impl LookUp<'_> {
     }
 
     /// Looks up sixteen bins. Bit `i` of the result: whether the middle of bin `first + i` is in an occupied cell.
+    /// `kept`: bins that the contraction keeps where they are.
     #[inline(always)]
-    fn occupied<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32) -> u32 {
+    fn occupied<V: Lanes>(&self, lanes: &OccupancyLanes<'_, V>, first: u32, kept: &Range<u32>) -> u32 {
         let Self { occupancy, ray, bins, .. } = *self;
         let mut occupied = 0;
         let whole = bins.whole_up_to(first + WIDTH - 1);
         if let Some(contraction) = self.contraction {
-            let [near, far] = [first, first + WIDTH - 1].map(|bin| bins.at(bin, 0.5));
-            let kept = contraction.keeps(ray, near, far);
+            let kept = kept.start <= first && first + WIDTH <= kept.end;
             for from in (0..WIDTH).step_by(V::COUNT) {
                 let t: V = bins.middles(first + from, whole);
-                let points = if kept {
-                    contraction.kept_lanes(points_at(ray, t.mul(V::splat(contraction.radius()))))
+                let found = if kept {
+                    let points = points_at(ray, t.mul(V::splat(contraction.radius())));
+                    lanes.occupied_inside(contraction.kept_lanes(points))
                 } else {
-                    contraction.contract_lanes(points_at(ray, contraction.distance_lanes(t)))
+                    lanes.occupied(contraction.contract_lanes(points_at(ray, contraction.distance_lanes(t))))
                 };
-                occupied |= lanes.occupied(points) << from;
+                occupied |= found << from;
             }
             // No point is outside: the contraction maps all of space into the box.
             return occupied;

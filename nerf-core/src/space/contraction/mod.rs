@@ -78,30 +78,45 @@ impl Contraction {
     #[inline(always)]
     pub fn contract_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
         let one = V::splat(1.0);
-        let q = self.in_radii(p);
+        let mut q = self.in_radii(p);
         let square = q[0].mul(q[0]).add(q[1].mul(q[1])).add(q[2].mul(q[2]));
         // 1/r; a point outside of the inner ball is scaled by (2 − 1/r) / r.
         let inverse = one.div(square.max_of(one).sqrt());
-        self.shrunk(q, V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius)))
+        let shrink = V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius));
+        // A loop, since a closure would not be compiled for the instruction set of the caller.
+        for axis in 0..3 {
+            let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));
+            q[axis] = V::splat(self.centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high);
+        }
+        q
     }
 
-    /// Whether the part `from..=to` of a ray lies in the inner ball; may wrongly be `false` close to the boundary.
-    /// `ray`: from [`Contraction::centred`]; `from` and `to`: positions `s` ([`Contraction::distance`]).
+    /// Returns the positions `s` ([`Contraction::distance`]) where `ray` enters and leaves the inner ball, up to a
+    /// margin; two equal positions if the ray misses the ball. `ray`: from [`Contraction::centred`].
     #[inline]
-    pub(crate) fn keeps(&self, ray: &Ray, from: f32, to: f32) -> bool {
-        // A ball is convex, so that a test of the two ends suffices. The margin is for rounding.
-        const INNER: f32 = 0.9999;
-        let within = |s: f32| {
-            (ray.at(s * self.radius) - self.centre).length_squared() < INNER * self.radius * self.radius
-        };
-        from.abs() <= 1.0 && to.abs() <= 1.0 && within(from) && within(to)
+    pub(crate) fn kept(&self, ray: &Ray) -> [f32; 2] {
+        // The margin is for rounding.
+        const INNER: f32 = 0.999;
+        let offset = (ray.origin - self.centre) * (1.0 / self.radius);
+        let (square, half, apart) = (ray.dir.length_squared(), offset.dot(ray.dir), offset.length_squared());
+        // The origin is the ray's nearest point to the centre. Also if `apart` is not a number.
+        if !(apart < INNER) {
+            return [0.0; 2];
+        }
+        let root = Lanes::sqrt(half * half + square * (INNER - apart));
+        [-half - root, root - half].map(|s| (s / square).clamp(-1.0, 1.0))
     }
 
     /// Contracts a vector of points that are known to lie in the inner ball. Cheaper than
     /// [`Contraction::contract_lanes`], with bit-identical results.
     #[inline(always)]
-    pub(crate) fn kept_lanes<V: Lanes>(&self, p: [V; 3]) -> [V; 3] {
-        self.shrunk(self.in_radii(p), V::splat(self.radius))
+    pub(crate) fn kept_lanes<V: Lanes>(&self, mut p: [V; 3]) -> [V; 3] {
+        let (into, radius) = (V::splat(1.0 / self.radius), V::splat(self.radius));
+        for axis in 0..3 {
+            let centre = V::splat(self.centre[axis]);
+            p[axis] = centre.add(p[axis].sub(centre).mul(into).mul(radius));
+        }
+        p
     }
 
     /// Converts points to offsets from the centre, in radii, clamped so that their squares are finite; a NaN becomes 0.
@@ -115,19 +130,6 @@ impl Contraction {
             let x = p[axis].sub(V::splat(centre[axis])).mul(into);
             let x = V::select(x.equals(x), x, V::splat(0.0));
             q[axis] = x.min_of(largest).max_of(largest.neg());
-        }
-        q
-    }
-
-    /// Converts `q`, offsets from the centre in radii, to points in world units: the centre plus `q · shrink`, clamped
-    /// to the scene box. `shrink`: world units per radius.
-    #[inline(always)]
-    fn shrunk<V: Lanes>(&self, mut q: [V; 3], shrink: V) -> [V; 3] {
-        let centre = self.centre.to_array();
-        // A loop, since a closure would not be compiled for the instruction set of the caller.
-        for axis in 0..3 {
-            let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));
-            q[axis] = V::splat(centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high);
         }
         q
     }
@@ -211,20 +213,22 @@ impl Contraction {
 
     /// Converts a distance along a ray, world units, to a position `s`: the inverse of [`Contraction::distance`]. The
     /// result is finite even for a NaN.
-    pub fn step_at(&self, distance: f32) -> f32 {
-        let size = (distance.abs() / self.radius).min(FARTHEST);
-        if size <= 1.0 {
-            return (distance / self.radius).clamp(-1.0, 1.0);
-        }
-        let steps = 1.0 + f32::from(self.power) * (1.0 - 1.0 / self.root(size));
-        if distance < 0.0 { -steps } else { steps }
+    #[inline]
+    pub fn step_at<V: Lanes>(&self, distance: V) -> V {
+        let (one, radii) = (V::splat(1.0), distance.div(V::splat(self.radius)));
+        let size = radii.abs().min_of(V::splat(FARTHEST));
+        let power = V::splat(f32::from(self.power));
+        let steps = one.add(power.mul(one.sub(one.div(self.root(size)))));
+        let steps = V::select(one.less(size), steps, size);
+        V::select(radii.less(V::splat(0.0)), steps.neg(), steps)
     }
 
     /// Returns `x^(1/p)`; `p`: [`Contraction::power`].
-    fn root(&self, mut x: f32) -> f32 {
+    #[inline(always)]
+    fn root<V: Lanes>(&self, mut x: V) -> V {
         let mut halved = self.power;
         while halved > 1 {
-            x = Lanes::sqrt(x);
+            x = x.sqrt();
             halved /= 2;
         }
         x
