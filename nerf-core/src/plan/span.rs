@@ -120,7 +120,7 @@ impl<V: Lanes> Spans<V> {
         let (origin, start, end) = match plan.lattice {
             Lattice::Own | Lattice::Contracted => (origin, zero, most),
             Lattice::Extended => {
-                let start = bins.shift_lanes(enter, exit);
+                let start = bins.shift(enter, exit);
                 (along(origin, dir, start), start, most)
             }
             Lattice::March => {

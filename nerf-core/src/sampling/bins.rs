@@ -104,14 +104,12 @@ impl Bins {
 
     /// Distance, a multiple of the bin width, by which the bins must move to begin at or just before the distance
     /// `enter` along the ray. 0 if the bins already cover the part `enter..exit` of the ray.
-    pub(crate) fn shift(&self, enter: f32, exit: f32) -> f32 {
-        let index = self.position(enter);
-        if index >= 0.0 && exit <= self.ends.far {
-            return 0.0;
-        }
-        // From 2^23 on, every f32 is an integer and needs no rounding.
-        let whole = if index.abs() < 8_388_608.0 { (index as i32) as f32 } else { index };
-        (if whole > index { whole - 1.0 } else { whole }) * self.delta
+    #[inline(always)]
+    pub(crate) fn shift<V: Lanes>(&self, enter: V, exit: V) -> V {
+        let (zero, index) = (V::splat(0.0), self.position(enter));
+        let shift = index.floor().mul(V::splat(self.delta));
+        let fits = V::select(V::splat(self.ends.far).less(exit), shift, zero);
+        V::select(index.less(zero), shift, fits)
     }
 
     /// Cuts the bins for a vector of rays, as [`Bins::cut`] does for one ray. Returns the cuts, in the order of
@@ -133,15 +131,6 @@ impl Bins {
             V::select(early, stop, all_stop),
         ];
         (ends, [V::select(late, first, V::splat(0.0)), V::select(early, end.min_of(count), count)])
-    }
-
-    /// Computes [`Bins::shift`], the distance by which the bins must move, for each ray in a vector of rays.
-    #[inline(always)]
-    pub(crate) fn shift_lanes<V: Lanes>(&self, enter: V, exit: V) -> V {
-        let (zero, index) = (V::splat(0.0), self.position(enter));
-        let shift = index.floor().mul(V::splat(self.delta));
-        let fits = V::select(V::splat(self.ends.far).less(exit), shift, zero);
-        V::select(index.less(zero), shift, fits)
     }
 
     /// Finds the bins that may have a point in `enter..=exit`, for a vector of rays ([`Bins::overlapping`]). Returns

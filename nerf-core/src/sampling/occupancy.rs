@@ -31,35 +31,16 @@ pub(crate) struct OccupancyLanes<'a, V> {
 
 impl<V: Lanes> OccupancyLanes<'_, V> {
     /// Looks up a vector of points: bit `i` of the result is 1 if the point in lane `i` lies in an occupied cell.
-    /// `points`: x, y and z of the points. A point outside the box is looked up in the nearest cell.
+    /// `cells`: x, y and z of the points. `INSIDE`: whether all points are known to lie in the box, away from its
+    /// faces. Otherwise, a point outside the box is looked up in the nearest cell.
     #[inline(always)]
-    pub fn occupied(&self, points: [V; 3]) -> u32 {
-        let mut cells = self.cells_of(points);
-        for (cell, last) in cells.iter_mut().zip(self.last) {
-            *cell = cell.min_of(last).max_of(V::splat(0.0));
+    pub fn occupied<const INSIDE: bool>(&self, mut cells: [V; 3]) -> u32 {
+        for (axis, cell) in cells.iter_mut().enumerate() {
+            // Rounded and clamped as in `cell_of`.
+            let at = cell.sub(self.min[axis]).mul(self.scale[axis]).floor();
+            *cell = if INSIDE { at } else { at.min_of(self.last[axis]).max_of(V::splat(0.0)) };
         }
-        self.bits_of(cells)
-    }
-
-    /// Looks up a vector of points, as [`OccupancyLanes::occupied`] does, that all lie inside the box, away from its
-    /// faces.
-    #[inline(always)]
-    pub fn occupied_inside(&self, points: [V; 3]) -> u32 {
-        self.bits_of(self.cells_of(points))
-    }
-
-    /// Indices of the cells that contain `points`, rounded as in `cell_of`. Not clamped to the grid.
-    #[inline(always)]
-    fn cells_of(&self, mut points: [V; 3]) -> [V; 3] {
-        for axis in 0..3 {
-            points[axis] = points[axis].sub(self.min[axis]).mul(self.scale[axis]).floor();
-        }
-        points
-    }
-
-    #[inline(always)]
-    fn bits_of(&self, [x, y, z]: [V; 3]) -> u32 {
-        let [ny, nz] = self.sides;
+        let ([x, y, z], [ny, nz]) = (cells, self.sides);
         let index = if self.exact {
             x.mul_add(ny, y).mul_add(nz, z).to_indices()
         } else {

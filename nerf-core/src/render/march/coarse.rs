@@ -239,7 +239,7 @@ impl Op for LookUp<'_> {
         for first in (0..INTERVALS).step_by(V::COUNT) {
             let i = V::splat(first as f32).add(V::load(&LANES)).add(half);
             let points = points_at(self.ray, near.add(i.mul(step)));
-            found |= u64::from(blocks.occupied(points)) << first;
+            found |= u64::from(blocks.occupied::<false>(points)) << first;
         }
         found
     }

@@ -90,9 +90,11 @@ impl LookUp<'_> {
                 let t: V = bins.middles(first + from, whole);
                 let found = if kept {
                     let points = points_at(ray, t.mul(V::splat(contraction.radius())));
-                    lanes.occupied_inside(contraction.kept_lanes(points))
+                    lanes.occupied::<true>(contraction.kept_lanes(points))
                 } else {
-                    lanes.occupied(contraction.contract_lanes(points_at(ray, contraction.distance_lanes(t))))
+                    lanes.occupied::<false>(
+                        contraction.contract_lanes(points_at(ray, contraction.distance_lanes(t))),
+                    )
                 };
                 occupied |= found << from;
             }
@@ -101,7 +103,7 @@ impl LookUp<'_> {
         }
         for from in (0..WIDTH).step_by(V::COUNT) {
             let points = points_at::<V>(ray, bins.middles(first + from, whole));
-            occupied |= lanes.occupied(points) << from;
+            occupied |= lanes.occupied::<false>(points) << from;
         }
         // A point outside the box is looked up in a cell at a face. If all these cells are empty, no bin needs
         // the test below.

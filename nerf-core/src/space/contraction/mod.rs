@@ -84,9 +84,9 @@ impl Contraction {
         let inverse = one.div(square.max_of(one).sqrt());
         let shrink = V::splat(2.0).sub(inverse).mul(inverse).mul(V::splat(self.radius));
         // A loop, since a closure would not be compiled for the instruction set of the caller.
-        for axis in 0..3 {
+        for (axis, x) in q.iter_mut().enumerate() {
             let (low, high) = (V::splat(self.cube.min[axis]), V::splat(self.cube.max[axis]));
-            q[axis] = V::splat(self.centre[axis]).add(q[axis].mul(shrink)).max_of(low).min_of(high);
+            *x = V::splat(self.centre[axis]).add(x.mul(shrink)).max_of(low).min_of(high);
         }
         q
     }
@@ -99,8 +99,8 @@ impl Contraction {
         const INNER: f32 = 0.999;
         let offset = (ray.origin - self.centre) * (1.0 / self.radius);
         let (square, half, apart) = (ray.dir.length_squared(), offset.dot(ray.dir), offset.length_squared());
-        // The origin is the ray's nearest point to the centre. Also if `apart` is not a number.
-        if !(apart < INNER) {
+        // The origin is the ray's nearest point to the centre.
+        if apart.is_nan() || apart >= INNER {
             return [0.0; 2];
         }
         let root = Lanes::sqrt(half * half + square * (INNER - apart));
@@ -112,9 +112,9 @@ impl Contraction {
     #[inline(always)]
     pub(crate) fn kept_lanes<V: Lanes>(&self, mut p: [V; 3]) -> [V; 3] {
         let (into, radius) = (V::splat(1.0 / self.radius), V::splat(self.radius));
-        for axis in 0..3 {
+        for (axis, x) in p.iter_mut().enumerate() {
             let centre = V::splat(self.centre[axis]);
-            p[axis] = centre.add(p[axis].sub(centre).mul(into).mul(radius));
+            *x = centre.add(x.sub(centre).mul(into).mul(radius));
         }
         p
     }
