@@ -35,22 +35,22 @@ fn cargo() -> OsString {
     std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into())
 }
 
-/// Builds `package` with only the features in `arguments`. Returns the files that cargo reports.
+/// Builds a package with only the features in `arguments`. Returns the files that cargo reports.
 ///
-/// Each package has a target directory of its own, so that no build waits for another, and a profile without slow
-/// optimisation across crates. The build uses one codegen unit, since inlining across units changes more code than an
+/// `folder`: name of the target directory; builds in different folders do not wait for each other. The profile is
+/// without slow optimisation across crates. The build uses one codegen unit, since inlining across units changes more code than an
 /// effect has. The build is not incremental, since incremental builds keep unused functions. Debug information is
 /// limited to line tables.
-pub fn build_alone(package: &str, arguments: &[&str]) -> Vec<PathBuf> {
+pub fn build_alone(folder: &str, arguments: &[&str]) -> Vec<PathBuf> {
     let mut command = Command::new(cargo());
     command.current_dir(paths::workspace());
     command.env("CARGO_PROFILE_DEV_DEBUG", "line-tables-only").env("CARGO_PROFILE_DEV_OPT_LEVEL", "1");
     command.env("CARGO_PROFILE_DEV_CODEGEN_UNITS", "1").env("CARGO_INCREMENTAL", "0");
-    command.args(["build", "--offline", "--no-default-features", "--message-format=json", "-p", package]);
+    command.args(["build", "--offline", "--no-default-features", "--message-format=json"]);
     // Beside the executable that runs: target/release/deps/test-0123.
     let own = std::env::current_exe().expect("a path");
     let target = own.ancestors().nth(3).expect("cargo's target directory");
-    files(command.args(arguments).arg("--target-dir").arg(target.join("features").join(package)))
+    files(command.args(arguments).arg("--target-dir").arg(target.join("features").join(folder)))
 }
 
 /// A sanitizer, which checks every memory access of a program.
