@@ -3,7 +3,8 @@
 //! `NERF_BENCH_BLOB=scene.nerf NERF_BENCH_DATA=data cargo bench -p nerf-train --bench views` prints milliseconds per
 //! view: on one and on two threads, with all outputs and with colour alone, at the views' size (fastest of five rounds
 //! over all views) and with four times as many pixels along each side (one round). Also prints the PSNR of the default
-//! and of the exact quality against the photographs. Needs an otherwise idle machine.
+//! and of the exact quality against the photographs. `NERF_BENCH_KERNEL=avx2` names a kernel; without it the
+//! fastest is used. Needs an otherwise idle machine.
 
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
@@ -33,7 +34,8 @@ fn main() {
     let bytes = std::fs::read(file).expect("NERF_BENCH_BLOB: a file");
     let blob = Blob::open(&bytes).expect("a blob");
     let data = data::read(Path::new(&data), &ReadOptions::default()).expect("NERF_BENCH_DATA: a data set");
-    let kernel = Kernel::detect();
+    let kernel = std::env::var("NERF_BENCH_KERNEL")
+        .map_or(Kernel::detect(), |name| Kernel::by_name(&name).expect("NERF_BENCH_KERNEL: a kernel"));
     let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
     let renderer = Renderer::new(blob.clone(), kernel, &mut memory).expect("a renderer");
     let plan = |quality: &Quality, outputs| {
