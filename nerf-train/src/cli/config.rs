@@ -41,7 +41,7 @@ impl PrintConfig {
 }
 
 /// Returns the settings as TOML, each after its comment. An unset setting becomes a comment, `# near is not set`.
-fn commented(settings: &toml::Table) -> anyhow::Result<String> {
+pub fn commented(settings: &toml::Table) -> anyhow::Result<String> {
     let mut text = String::new();
     for (path, name) in TABLES {
         let find = |table: Option<toml::Table>, key: &str| table?.get(key)?.as_table().cloned();
@@ -78,31 +78,4 @@ fn fields(name: &str) -> Option<Vec<(Vec<&'static str>, &'static str)>> {
         }
     }
     Some(fields)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cli::{SetOption, read_config};
-    use crate::model::config::Surroundings;
-    use clap::ValueEnum;
-
-    #[test]
-    fn what_is_printed_is_the_preset_with_a_comment_on_every_setting() {
-        let folder = tempfile::tempdir().expect("a folder");
-        for &preset in Preset::value_variants() {
-            let settings = toml::Table::try_from(preset.config()).expect("TOML");
-            let text = commented(&settings).expect("text");
-            let file = folder.path().join("run.toml");
-            std::fs::write(&file, &text).expect("written");
-            let read = read_config(Preset::Grid, Some(&file), &SetOption::default(), Surroundings::Known)
-                .expect("settings");
-            assert_eq!(read, preset.config());
-            assert!(text.contains("# near is not set\n"), "{text}");
-            let lines: Vec<&str> = text.lines().collect();
-            for pair in lines.windows(2).filter(|pair| !pair[1].starts_with('#') && pair[1].contains(" = ")) {
-                assert!(pair[0].starts_with("# ") && !pair[0].ends_with("is not set"), "{}", pair[1]);
-            }
-        }
-    }
 }

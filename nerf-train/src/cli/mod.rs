@@ -22,6 +22,8 @@ mod show;
 mod study;
 mod sweep;
 
+pub use config::commented;
+pub use lines::lines;
 pub use options::settings::{SetOption, read_config};
 
 use crate::system::summary::to_json;
@@ -41,7 +43,7 @@ use std::process::ExitCode;
         `fit`, the scene file of `image fit`, the report of a sweep's finished runs.\n\
         Exit status: 0 success, 1 error, 2 wrong usage, 128 + N when ended by signal N (130 after Ctrl-C)."
 )]
-struct Cli {
+pub struct Cli {
     #[command(subcommand)]
     command: Command,
     #[command(flatten)]
@@ -157,52 +159,6 @@ pub fn main() -> ExitCode {
                 print_error(&message);
             }
             ExitCode::FAILURE
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Returns the arguments after `program` in a shell line, up to a comment or redirection; `None`: no `program`.
-    fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
-        let (_, arguments) = line.split(['#', '>']).next()?.split_once(program)?;
-        Some(arguments.split_whitespace().collect())
-    }
-
-    fn assert_parses(arguments: &[&str]) {
-        let parsed = Cli::try_parse_from(["nerf-train"].iter().chain(arguments));
-        assert!(parsed.is_ok(), "{arguments:?}: {}", parsed.unwrap_err());
-    }
-
-    #[test]
-    fn commands_of_the_readmes_parse() {
-        for (readme, least) in [("../README.md", 8), ("README.md", 30)] {
-            let readme = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(readme);
-            let text = std::fs::read_to_string(readme).expect("README.md");
-            let shell = text.split("```sh\n").skip(1).filter_map(|block| block.split("```").next());
-            let commands: Vec<_> = shell
-                .flat_map(str::lines)
-                .filter_map(|line| {
-                    arguments(line, "cargo run --release -- ").or_else(|| arguments(line, "nerf-train "))
-                })
-                .collect();
-            assert!(commands.len() >= least, "{commands:?}");
-            commands.iter().for_each(|command| assert_parses(command));
-        }
-    }
-
-    #[test]
-    fn examples_of_the_help_parse() {
-        Cli::command().debug_assert();
-        let cli = Cli::command();
-        let nested = cli.get_subcommands().flat_map(clap::Command::get_subcommands);
-        for command in cli.get_subcommands().chain(nested) {
-            let help = command.get_after_help().expect("an example").to_string();
-            let examples: Vec<_> = help.lines().filter_map(|line| arguments(line, "nerf-train ")).collect();
-            assert!(!examples.is_empty(), "{}", command.get_name());
-            examples.iter().for_each(|example| assert_parses(example));
         }
     }
 }

@@ -27,6 +27,7 @@ mod places;
 #[cfg(unix)]
 mod poses;
 mod schema;
+mod settings;
 mod show;
 #[cfg(unix)]
 mod signals;
