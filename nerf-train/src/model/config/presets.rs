@@ -91,7 +91,7 @@ fn grid() -> Config {
             beta2: 0.99,
             epsilon: 1e-15,
             weight_decay: 0.1,
-            average: 0.998,
+            average: 0.9999,
             hashed_every: 4,
         },
         seed: 0,
