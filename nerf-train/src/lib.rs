@@ -7,7 +7,7 @@
 #![cfg_attr(test, allow(dead_code, unused_imports, reason = "unit tests are built without the command line"))]
 
 pub mod capture;
-// A third of what unit tests would compile; its tests run the program (tests/cli).
+// Would be a third of the code that unit tests compile; its tests are in tests/cli.
 #[cfg(not(test))]
 pub mod cli;
 pub mod data;

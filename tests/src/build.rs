@@ -37,9 +37,9 @@ fn cargo() -> OsString {
 
 /// Builds a package with only the features in `arguments`. Returns the files that cargo reports.
 ///
-/// `folder`: name of the target directory; builds in different folders do not wait for each other. The profile is
-/// without slow optimisation across crates. The build uses one codegen unit, since inlining across units changes more code than an
-/// effect has. The build is not incremental, since incremental builds keep unused functions. Debug information is
+/// `folder`: name of the target directory; builds in different folders do not wait for each other. The profile has no
+/// slow optimisation across crates. The build uses one codegen unit, since inlining across units changes more code than
+/// an effect has. The build is not incremental, since incremental builds keep unused functions. Debug information is
 /// limited to line tables.
 pub fn build_alone(folder: &str, arguments: &[&str]) -> Vec<PathBuf> {
     let mut command = Command::new(cargo());

@@ -1,7 +1,7 @@
 //! Elementary functions. The crate `micromath` is called only in this module. The crate `libm` is called only in this
-//! module and, except on ARM with an FPU, in [`Lanes::sqrt`] of the type `f32`. In the table, "own" is the project's
-//! f32 polynomials, and "exact reduction" is the reduction of the angle in [`Math::sin_cos_pi`], for encodings of scale
-//! π only.
+//! module and, except on x86-64 and on ARM with an FPU, in [`Lanes::sqrt`] of the type `f32`. In the table, "own" is the
+//! project's f32 polynomials, and "exact reduction" is the reduction of the angle in [`Math::sin_cos_pi`], for encodings
+//! of scale π only.
 //!
 //! | backend | sin/cos of the encoding | exp, softplus | expm1 | powers (tone stage) |
 //! | --- | --- | --- | --- | --- |

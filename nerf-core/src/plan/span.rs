@@ -138,7 +138,7 @@ impl<V: Lanes> Spans<V> {
         Self { origin, start, bins: [seen[0].max_of(own[0]), last], ends }
     }
 
-    /// Computes the sampled parts of a vector of rays through an unbounded scene.
+    /// Computes the sampled parts of a vector of rays through an unbounded scene. `from`: the rays' origins.
     ///
     /// The part begins at [`Plan::near`] or at `t_min`, whichever is farther. The part ends at [`Plan::far`] or at
     /// `t_max`, whichever is nearer. `far` is a distance from the ray's point nearest to the contraction's centre;
@@ -152,11 +152,7 @@ impl<V: Lanes> Spans<V> {
         [t_min, t_max]: [V; 2],
     ) -> Self {
         let (zero, last) = (V::splat(0.0), V::splat(plan.far));
-        let mut toward = zero;
-        for (axis, centre) in contraction.centre().to_array().into_iter().enumerate() {
-            toward = toward.add(V::splat(centre).sub(from[axis]).mul(dir[axis]));
-        }
-        let start = toward.max_of(zero);
+        let start = contraction.nearest(from, dir);
         let origin = along(from, dir, start);
         // 0 if all values are finite, else NaN. The origin overflows if the ray begins near the largest f32.
         let mut finite = zero;

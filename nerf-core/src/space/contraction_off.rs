@@ -28,6 +28,7 @@ impl Contraction {
         #[cfg(feature = "normals")]
         pub(crate) fn gradient_in_world(&self, Vec3, Vec3) -> Vec3;
         pub fn centred(&self, &Ray) -> (Ray, f32);
+        pub(crate) fn nearest<V: Lanes>(&self, [V; 3], [V; 3]) -> V;
         pub fn distance(&self, f32) -> f32;
         pub fn distance_lanes<V: Lanes>(&self, V) -> V;
         pub fn step_at<V: Lanes>(&self, V) -> V;

@@ -43,16 +43,14 @@ struct Build {
 
 /// Builds the program once for each of the feature lists, two at a time.
 fn builds(features: &[String], scene: &Path) -> Vec<Build> {
-    let lane = |lane: usize| {
-        let build_one = |features: &String| build(["a", "b"][lane], features, scene);
-        features.iter().skip(lane).step_by(2).map(build_one).collect::<Vec<_>>()
-    };
-    let [first, second] = std::thread::scope(|scope| {
-        let lanes = [0, 1].map(|index| scope.spawn(move || lane(index)));
-        lanes.map(|lane| lane.join().expect("builds"))
-    });
-    let mut lanes = [first.into_iter(), second.into_iter()];
-    (0..features.len()).map(|i| lanes[i % 2].next().expect("a build")).collect()
+    std::thread::scope(|scope| {
+        let halves = features.chunks(features.len().div_ceil(2)).zip(["a", "b"]);
+        let threads = halves.map(|(half, folder)| {
+            scope.spawn(move || half.iter().map(|list| build(folder, list, scene)).collect::<Vec<_>>())
+        });
+        let threads: Vec<_> = threads.collect();
+        threads.into_iter().flat_map(|thread| thread.join().expect("builds")).collect()
+    })
 }
 
 fn build(folder: &str, features: &str, scene: &Path) -> Build {

@@ -81,11 +81,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         let tile = pixels.tile;
         (self.hits, self.turn) = (0, pixels.turn);
         let packets = self.packets.first().copied().flatten();
-        if (packets.is_some() || self.field.plan.lattice == Lattice::Contracted)
-            && VECTORS
-            && !self.samples.is_on()
-            && tile.width * tile.height > 1
-        {
+        let unbounded = VECTORS && self.field.plan.lattice == Lattice::Contracted && !self.samples.is_on();
+        if (packets.is_some() || unbounded) && tile.width * tile.height > 1 {
             let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
             for part in tile.tiles(across, down) {
                 self.start_packet::<M, COLLIDE>(packets.as_ref(), part, pixels, source, target);
@@ -99,7 +96,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         }
     }
 
-    /// Starts the rays of the pixels in `part` as [`Rays::start`] does, but looks up empty space for all rays at once.
+    /// Starts the rays of the pixels in `part` as [`Rays::start`] does, all at once. `packets`: the packet test; `None`
+    /// in an unbounded scene.
     fn start_packet<M: Math, const COLLIDE: bool>(
         &mut self,
         packets: Option<&Packets<'_>>,

@@ -153,8 +153,18 @@ impl Contraction {
     /// Moves the ray's origin to the ray's point nearest to the centre, or not at all if this point lies behind the
     /// origin. Also returns the distance moved, world units.
     pub fn centred(&self, ray: &Ray) -> (Ray, f32) {
-        let start = (self.centre - ray.origin).dot(ray.dir).max(0.0);
+        let start = self.nearest(ray.origin.to_array(), ray.dir.to_array());
         (Ray { origin: ray.at(start), ..*ray }, start)
+    }
+
+    /// Distance along each ray, world units, to the ray's nearest point to the centre; 0 if this point is behind the
+    /// origin.
+    #[inline(always)]
+    pub(crate) fn nearest<V: Lanes>(&self, mut origin: [V; 3], dir: [V; 3]) -> V {
+        for (axis, x) in origin.iter_mut().enumerate() {
+            *x = V::splat(self.centre[axis]).sub(*x).mul(dir[axis]);
+        }
+        origin[0].add(origin[1]).add(origin[2]).max_of(V::splat(0.0))
     }
 
     /// Converts `s`, a position along a ray, to a distance in world units. Bins of an unbounded scene have equal widths
