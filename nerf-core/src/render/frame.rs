@@ -9,7 +9,6 @@ use super::stages::{
     Colour, ColumnMarch, Compositing, Deferred, Density, Normals, Proposer, TileState, evaluate_points,
     propose,
 };
-use crate::math::Math;
 use crate::memory::{Layout, head, put};
 use crate::space::SceneBox;
 use glam::Vec3;
@@ -68,16 +67,16 @@ impl<'f, 'w> Frame<'f, 'w> {
     /// pixel's last ray. `COLLIDE`: whether a ray ends at a random collision, where its optical thickness reaches
     /// [`RaySource::until`].
     #[inline(never)]
-    pub fn turn<M: Math, const COLLIDE: bool>(
+    pub fn turn<const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
         source: &impl RaySource,
         target: &mut impl Target,
     ) {
         let tile = &mut self.tile;
-        tile.rays.start::<M, COLLIDE>(pixels, source, target);
+        tile.rays.start::<COLLIDE>(pixels, source, target);
         if tile.rays.samples.is_on() {
-            propose::<M>(self.proposer, tile, pixels, target);
+            propose(self.proposer, tile, pixels, target);
         }
         let (field, counters, hits) = (tile.field, &mut pixels.counters, tile.rays.hits);
         tile.surface.begin(hits);
@@ -85,9 +84,9 @@ impl<'f, 'w> Frame<'f, 'w> {
         let (mut shares, dirs) = self.colour.shares(field);
         shares.fill(field, &mut tile.density.scratch, dirs, head(tile.rays.states, hits), counters);
         if !COLLIDE {
-            self.columns.run::<M>(tile, &mut self.deferred, counters);
+            self.columns.run(tile, &mut self.deferred, counters);
         }
-        while self.step::<M, COLLIDE>(counters) {}
+        while self.step::<COLLIDE>(counters) {}
         let tile = &mut self.tile;
         self.colour.flush(tile, counters);
         self.normals.flush(tile, counters);
@@ -95,13 +94,13 @@ impl<'f, 'w> Frame<'f, 'w> {
         for (i, state) in head(tile.rays.states, hits).iter().enumerate() {
             let skipped = field.plan.samples_per_ray().saturating_sub(state.kept);
             pixels.counters.samples_skipped += u64::from(skipped);
-            pixels.finish::<M>(&state.pixel, Some((&tile.surface, i)), target);
+            pixels.finish(&state.pixel, Some((&tile.surface, i)), target);
         }
     }
 
     /// Evaluates and composites the next block of samples. Returns `false` if no ray is active. `COLLIDE`: as in
     /// [`Frame::turn`].
-    fn step<M: Math, const COLLIDE: bool>(&mut self, counters: &mut Counters) -> bool {
+    fn step<const COLLIDE: bool>(&mut self, counters: &mut Counters) -> bool {
         let Self { tile, compositing, .. } = self;
         let TileState { field, rays, density, .. } = tile;
         let (field, room) = (*field, density.owner.len());
@@ -111,7 +110,7 @@ impl<'f, 'w> Frame<'f, 'w> {
         }
         density.place(field, n, rays.states);
         density.evaluate(field, n);
-        compositing.run::<M, COLLIDE>(tile, counters);
+        compositing.run::<COLLIDE>(tile, counters);
         if self.deferred.is_on() {
             self.deferred.add(tile, compositing);
         } else if field.plan.outputs.rgb {

@@ -6,7 +6,6 @@ use super::frame::Frame;
 use super::pixel::{CameraRays, OwnRays, Pixels, rays_a_pixel};
 use super::{Counters, Limit, RaySegment, Rect, RenderError, Target};
 use crate::camera::{Camera, Ray, is_unit};
-use crate::math::with_math;
 use crate::plan::Plan;
 use crate::volume::Pixel;
 use core::ops::Range;
@@ -170,7 +169,7 @@ impl<'f> Worker<'f> {
                 for turn in 0..rays_a_pixel(&plan.effects) {
                     pixels.turn = turn;
                     let source = CameraRays::new(camera, &plan.effects, turn, &limit, far);
-                    with_math!(plan.math, M => it.turn::<M, false>(pixels, &source, target));
+                    it.turn::<false>(pixels, &source, target);
                 }
             });
         }
@@ -352,7 +351,7 @@ impl<'f> Worker<'f> {
             (self.pixels.forward, self.pixels.turn) = (axis.map_or(Vec3::ZERO, |axis| placed.dir(axis)), 0);
             of_fields!(&mut self.fields, it => {
                 let source = OwnRays { before, ray, placed, random, far: it.far() };
-                with_math!(plan.math, M => it.turn::<M, COLLIDE>(&mut self.pixels, &source, &mut put));
+                it.turn::<COLLIDE>(&mut self.pixels, &source, &mut put);
             });
         }
         self.counters()

@@ -9,7 +9,7 @@
 
 use super::Instance;
 use super::deferred::Deferred;
-use crate::math::Math;
+use crate::math::with_math;
 use crate::memory::{Layout, at, column, head, put, put_column};
 use crate::network::Network;
 use crate::plan::{Plan, Span};
@@ -147,7 +147,7 @@ impl<'f, 'w> Merge<'f, 'w> {
     /// Renders the ray of index `pixels.turn` of each pixel of the tile. Passes each pixel to `target` after the
     /// pixel's last ray. `COLLIDE`: whether a ray ends at a random collision, where its optical thickness reaches
     /// [`RaySource::until`].
-    pub fn turn<M: Math, const COLLIDE: bool>(
+    pub fn turn<const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
         source: &impl RaySource,
@@ -167,9 +167,9 @@ impl<'f, 'w> Merge<'f, 'w> {
             self.directions(member, count, counters);
         }
         for i in 0..count {
-            self.advance::<M, COLLIDE>(i);
+            self.advance::<COLLIDE>(i);
         }
-        while self.round::<M, COLLIDE>(count, counters) {}
+        while self.round::<COLLIDE>(count, counters) {}
         for member in 0..self.instances.len() {
             self.shade(member, count, counters);
         }
@@ -180,7 +180,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             }
         }
         for (i, front) in self.world.iter().enumerate().take(count) {
-            pixels.finish::<M>(&front.pixel, Some((&self.surface, i)), target);
+            pixels.finish(&front.pixel, Some((&self.surface, i)), target);
         }
     }
 
@@ -262,7 +262,7 @@ impl<'f, 'w> Merge<'f, 'w> {
 
     /// Evaluates and composites the samples that the first `count` rays wait for. Returns `false` if no ray waits.
     /// `COLLIDE`: as in [`Merge::turn`].
-    fn round<M: Math, const COLLIDE: bool>(&mut self, count: usize, counters: &mut Counters) -> bool {
+    fn round<const COLLIDE: bool>(&mut self, count: usize, counters: &mut Counters) -> bool {
         let mut any = false;
         for member in 0..self.instances.len() {
             let mut next = 0;
@@ -282,7 +282,7 @@ impl<'f, 'w> Merge<'f, 'w> {
                 any = true;
                 self.ask::<COLLIDE>(member, n, counters);
                 for k in 0..n {
-                    self.advance::<M, COLLIDE>(at(self.density.owner, k) as usize);
+                    self.advance::<COLLIDE>(at(self.density.owner, k) as usize);
                 }
             }
         }
@@ -354,7 +354,7 @@ impl<'f, 'w> Merge<'f, 'w> {
 
     /// Composites ray `i` up to the next sample that must be evaluated, or to the ray's end. `COLLIDE`: as in
     /// [`Merge::turn`].
-    fn advance<M: Math, const COLLIDE: bool>(&mut self, i: usize) {
+    fn advance<const COLLIDE: bool>(&mut self, i: usize) {
         let (members, capacity) = (self.instances.len(), self.world.len());
         loop {
             let Some(ray) = self.world.get_mut(i) else { return };
@@ -392,7 +392,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             ray.at = from.max(end);
             if sigma > 0.0 && end > from {
                 let counts_at = whole.filter(|(_, to)| *to == end).map(|(t, _)| t);
-                self.composite::<M, COLLIDE>(i, [from, end], counts_at, sigma);
+                self.composite::<COLLIDE>(i, [from, end], counts_at, sigma);
             }
             for member in 0..members {
                 let part = self.parts.get(member * capacity + i);
@@ -406,7 +406,7 @@ impl<'f, 'w> Merge<'f, 'w> {
     /// Composites the segment `from..to` of ray `i`, world units from the ray's start. `sigma`: sum of the fields'
     /// densities, 1/world unit. `counts_at`: distance that the segment contributes to the weighted mean `ray_distance`;
     /// `None` for the segment's middle. `COLLIDE`: as in [`Merge::turn`].
-    fn composite<M: Math, const COLLIDE: bool>(
+    fn composite<const COLLIDE: bool>(
         &mut self,
         i: usize,
         [from, to]: [f32; 2],
@@ -414,10 +414,10 @@ impl<'f, 'w> Merge<'f, 'w> {
         sigma: f32,
     ) {
         let (instances, capacity) = (self.instances, self.world.len());
-        let cut = instances.last().map_or(0.0, |last| last.plan.transmittance_cut);
-        let Some(WorldRay { pixel: PixelRay { gathered, done, .. }, .. }) = self.world.get_mut(i) else {
+        let (Some(Instance { plan, .. }), Some(ray)) = (instances.last(), self.world.get_mut(i)) else {
             return;
         };
+        let PixelRay { gathered, done, .. } = &mut ray.pixel;
         let (width, middle) = (to - from, from + 0.5 * (to - from));
         let before = gathered.optical_thickness();
         let weight = if COLLIDE {
@@ -425,11 +425,12 @@ impl<'f, 'w> Merge<'f, 'w> {
             *done = gathered.collide(before, sigma, middle, width);
             f32::from(u8::from(*done))
         } else {
-            let weight = gathered.add_density::<M>(sigma, counts_at.unwrap_or(middle), width);
+            let t = counts_at.unwrap_or(middle);
+            let weight = with_math!(plan.math, M => gathered.add_density::<M>(sigma, t, width));
             if self.surface.medians.passes(i as u32, gathered) {
                 self.surface.medians.put(i as u32, before, sigma, [middle, width]);
             }
-            *done = gathered.transmittance() < cut;
+            *done = gathered.transmittance() < plan.transmittance_cut;
             weight
         };
         if weight == 0.0 {

@@ -8,7 +8,6 @@
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
 use crate::camera::Ray;
-use crate::math::Math;
 use crate::memory::{Layout, head, head_mut, put};
 use crate::plan::{Lattice, Plan, Span, SpanAll, Spans};
 use crate::render::field::Field;
@@ -72,7 +71,7 @@ impl<'f, 'w> Rays<'f, 'w> {
     /// Takes the ray of each pixel from `source`, and marches the ray to its first sample in an occupied cell. If a ray
     /// has no such sample, adds the ray's result to its pixel at once. `COLLIDE`: whether rays end at random
     /// collisions.
-    pub fn start<M: Math, const COLLIDE: bool>(
+    pub fn start<const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
         source: &impl RaySource,
@@ -85,20 +84,20 @@ impl<'f, 'w> Rays<'f, 'w> {
         if (packets.is_some() || unbounded) && tile.width * tile.height > 1 {
             let (across, down) = if tile.height > 1 { PACKET } else { (PACKET.0 * PACKET.1, 1) };
             for part in tile.tiles(across, down) {
-                self.start_packet::<M, COLLIDE>(packets.as_ref(), part, pixels, source, target);
+                self.start_packet::<COLLIDE>(packets.as_ref(), part, pixels, source, target);
             }
             return;
         }
         for y in tile.y..tile.y + tile.height {
             for x in tile.x..tile.x + tile.width {
-                self.start_ray::<M, COLLIDE>((x, y), source.ray(x, y), pixels, source, target);
+                self.start_ray::<COLLIDE>((x, y), source.ray(x, y), pixels, source, target);
             }
         }
     }
 
     /// Starts the rays of the pixels in `part` as [`Rays::start`] does, all at once. `packets`: the packet test; `None`
     /// in an unbounded scene.
-    fn start_packet<M: Math, const COLLIDE: bool>(
+    fn start_packet<const COLLIDE: bool>(
         &mut self,
         packets: Option<&Packets<'_>>,
         part: Rect,
@@ -119,7 +118,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         let intervals = packets.map_or(Some(Intervals::ALL), |packets| packets.intervals_of(isa, rays));
         let Some(intervals) = intervals else {
             for ((pixel, ray), end) in part.pixels().zip(rays).zip(ranges[1]) {
-                pixels.miss::<M>(pixel, source.far(ray).min(end), target);
+                pixels.miss(pixel, source.far(ray).min(end), target);
             }
             return;
         };
@@ -134,7 +133,7 @@ impl<'f, 'w> Rays<'f, 'w> {
                 put(&mut list, count, (hits + count) as u32);
                 count += 1;
             } else {
-                pixels.miss::<M>(pixel, state.pixel.range[1], target);
+                pixels.miss(pixel, state.pixel.range[1], target);
             }
         }
         let list = head(&list, count);
@@ -149,7 +148,7 @@ impl<'f, 'w> Rays<'f, 'w> {
                 hits += 1;
             } else {
                 let PixelRay { x, y, range, .. } = state.pixel;
-                pixels.miss::<M>((x, y), range[1], target);
+                pixels.miss((x, y), range[1], target);
             }
         }
         self.hits = hits;
@@ -158,7 +157,7 @@ impl<'f, 'w> Rays<'f, 'w> {
     /// Starts the ray of one pixel, as [`Rays::start`] does. Appends the ray to `states`, or, if the ray cannot have a
     /// sample in an occupied cell, adds the ray's result to the pixel.
     #[inline(never)]
-    fn start_ray<M: Math, const COLLIDE: bool>(
+    fn start_ray<const COLLIDE: bool>(
         &mut self,
         pixel: (u32, u32),
         ray: Ray,
@@ -175,7 +174,7 @@ impl<'f, 'w> Rays<'f, 'w> {
             _ => Some(Intervals::ALL),
         };
         let Some(intervals) = intervals else {
-            return pixels.miss::<M>(pixel, source.far(&ray).min(range[1]), target);
+            return pixels.miss(pixel, source.far(&ray).min(range[1]), target);
         };
         let Some(state) = self.states.get_mut(self.hits) else { return };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
@@ -194,7 +193,7 @@ impl<'f, 'w> Rays<'f, 'w> {
             self.hits += 1;
         } else {
             pixels.counters.samples_skipped += u64::from(plan.samples_per_ray());
-            pixels.finish::<M>(&state.pixel, None, target);
+            pixels.finish(&state.pixel, None, target);
         }
     }
 

@@ -4,7 +4,6 @@ use super::anti_aliasing::Sums;
 use super::placed::Placed;
 use super::tone;
 use super::{Medians, PixelRay, Rect, Surface, Target};
-use crate::math::Math;
 use crate::memory::Layout;
 use crate::plan::Plan;
 use crate::render::Counters;
@@ -44,31 +43,26 @@ impl<'f, 'w> Pixels<'f, 'w> {
     /// Adds the result of `ray` to the ray's pixel. `hit`: median distances and normals of all rays of the tile, and
     /// the index of `ray` among these rays; `None` if the ray has no samples in occupied cells.
     #[inline(never)]
-    pub fn finish<M: Math>(
-        &mut self,
-        ray: &PixelRay,
-        hit: Option<(&Surface<'_>, usize)>,
-        target: &mut impl Target,
-    ) {
+    pub fn finish(&mut self, ray: &PixelRay, hit: Option<(&Surface<'_>, usize)>, target: &mut impl Target) {
         let [_, far] = ray.range;
         let cosine = ray.ray.dir.dot(self.forward);
-        let background = self.background::<M>();
+        let background = self.background();
         let mut seen = ray.gathered.finish_from(ray.start, ray.done, background, far, cosine);
         match hit {
             Some((surface, index)) => surface.finish(index, ray.start, far, &mut seen),
             None => seen.median_distance = self.median_of_missed(far),
         }
         seen.normal = self.placed.normal(seen.normal);
-        self.put::<M>((ray.x, ray.y), seen, far, target);
+        self.put((ray.x, ray.y), seen, far, target);
     }
 
     /// Adds the result of a ray without samples to pixel `(x, y)`. `far`: the distance that is output, world units.
-    pub fn miss<M: Math>(&mut self, (x, y): (u32, u32), far: f32, target: &mut impl Target) {
+    pub fn miss(&mut self, (x, y): (u32, u32), far: f32, target: &mut impl Target) {
         self.counters.samples_skipped += u64::from(self.plan.samples_per_ray());
         let median_distance = self.median_of_missed(far);
-        let rgb = self.background::<M>();
+        let rgb = self.background();
         let seen = Pixel { rgb, ray_distance: far, z_depth: far, median_distance, ..Pixel::BLANK };
-        self.put::<M>((x, y), seen, far, target);
+        self.put((x, y), seen, far, target);
     }
 
     fn median_of_missed(&self, far: f32) -> f32 {
@@ -76,19 +70,23 @@ impl<'f, 'w> Pixels<'f, 'w> {
     }
 
     /// Returns the colour behind a ray: the plan's background, or black if the background is not shown.
-    fn background<M: Math>(&self) -> [f32; 3] {
+    fn background(&self) -> [f32; 3] {
         let shown = self.plan.outputs.rgb && self.background;
-        tone::background::<M>(&self.plan.effects.tone, if shown { self.plan.background } else { [0.0; 3] })
+        tone::background(
+            &self.plan.effects.tone,
+            self.plan.math,
+            if shown { self.plan.background } else { [0.0; 3] },
+        )
     }
 
     /// Adds `seen`, the result of a ray, to pixel `(x, y)`. After the pixel's last ray, passes the pixel to `target`.
     /// `far`: distance, world units, that is output if the pixel shows no surface.
-    fn put<M: Math>(&mut self, (x, y): (u32, u32), mut seen: Pixel, far: f32, target: &mut impl Target) {
-        let (effects, tile) = (&self.plan.effects, self.tile);
-        seen.rgb = tone::to_light::<M>(&effects.tone, seen.rgb);
+    fn put(&mut self, (x, y): (u32, u32), mut seen: Pixel, far: f32, target: &mut impl Target) {
+        let (effects, math, tile) = (&self.plan.effects, self.plan.math, self.tile);
+        seen.rgb = tone::to_light(&effects.tone, math, seen.rgb);
         let index = (y - tile.y) as usize * tile.width as usize + (x - tile.x) as usize;
         if self.sums.add(effects, index, self.turn, &mut seen, far) {
-            seen.rgb = tone::to_display::<M>(&effects.tone, seen.rgb);
+            seen.rgb = tone::to_display(&effects.tone, math, seen.rgb);
             target.put(x, y, &seen);
         }
     }

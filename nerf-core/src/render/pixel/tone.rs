@@ -22,14 +22,14 @@ pub(crate) fn samples_to_light(tone: &Tone, math: MathBackend, isa: Isa, values:
 
 /// Returns the background `rgb` in the encoding of sample colours: linear light if the output is linear, else `rgb`.
 #[inline]
-pub(crate) fn background<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
-    if tone.linear { decode_srgb::<M>(rgb) } else { rgb }
+pub(crate) fn background(tone: &Tone, math: MathBackend, rgb: [f32; 3]) -> [f32; 3] {
+    if tone.linear { with_math!(math, M => decode_srgb::<M>(rgb)) } else { rgb }
 }
 
 /// Decodes a ray's colour to linear light. Returns `rgb` unchanged if `tone` is [`Tone::NONE`] or `rgb` is linear.
 #[inline]
-pub(crate) fn to_light<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
-    if *tone == Tone::NONE || tone.linear { rgb } else { decode_srgb::<M>(rgb) }
+pub(crate) fn to_light(tone: &Tone, math: MathBackend, rgb: [f32; 3]) -> [f32; 3] {
+    if *tone == Tone::NONE || tone.linear { rgb } else { with_math!(math, M => decode_srgb::<M>(rgb)) }
 }
 
 struct Decode<'a, M> {
@@ -57,8 +57,8 @@ impl<M: Math> Op for Decode<'_, M> {
 /// Applies exposure, tone curve and output encoding to a pixel's colour; returns `rgb` if `tone` is [`Tone::NONE`].
 /// `rgb`: mean, over the pixel's rays, of the colours that [`to_light`] returned.
 #[inline]
-pub(crate) fn to_display<M: Math>(tone: &Tone, rgb: [f32; 3]) -> [f32; 3] {
-    if *tone == Tone::NONE { rgb } else { develop::<M>(tone, rgb) }
+pub(crate) fn to_display(tone: &Tone, math: MathBackend, rgb: [f32; 3]) -> [f32; 3] {
+    if *tone == Tone::NONE { rgb } else { with_math!(math, M => develop::<M>(tone, rgb)) }
 }
 
 /// Decodes each channel from sRGB to linear light; values below 0 become 0.

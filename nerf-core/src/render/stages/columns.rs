@@ -6,7 +6,7 @@
 
 use super::TileState;
 use super::per_ray::Deferred;
-use crate::math::Math;
+use crate::math::{Math, with_math};
 use crate::matrix::Storage;
 use crate::memory::{Layout, at, head, put, tail, tail_mut};
 use crate::plan::Plan;
@@ -47,7 +47,7 @@ impl<'w> ColumnMarch<'w> {
     }
 
     /// Marches active rays in SIMD lanes until too few are left to fill a vector. The remaining rays stay active.
-    pub fn run<M: Math>(
+    pub fn run(
         &mut self,
         tile: &mut TileState<'_, '_>,
         deferred: &mut Deferred<'_>,
@@ -69,9 +69,11 @@ impl<'w> ColumnMarch<'w> {
             field.isa().run(Samples { stride, columns: &mut columns, to: density.positions });
             density.evaluate(field, stride);
             let h = head(density.scratch.front, field.network.trunk_rows() * stride);
-            let absorb =
-                Absorb::<M> { stride, sigma: density.sigma, h, columns: &mut columns, math: PhantomData };
-            field.isa().run_portable(stride, absorb);
+            let (sigma, of) = (&*density.sigma, &mut columns);
+            with_math!(field.plan.math, M => {
+                let absorb = Absorb::<M> { stride, sigma, h, columns: of, math: PhantomData };
+                field.isa().run_portable(stride, absorb);
+            });
             let sigma = head(density.sigma, n);
             counters.invalid_samples += sigma.iter().map(|sigma| u64::from(sigma.is_nan())).sum::<u64>();
             n = columns.advance(rays, deferred, n);

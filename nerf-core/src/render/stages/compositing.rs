@@ -2,7 +2,7 @@
 
 use super::TileState;
 use super::density::of_rays;
-use crate::math::Math;
+use crate::math::{Math, with_math};
 use crate::memory::{Layout, at, column, head, put, put_column, tail, tail_mut};
 use crate::plan::Plan;
 use crate::render::Counters;
@@ -51,14 +51,10 @@ impl<'w> Compositing<'w> {
     /// Composites the block's samples and picks those whose colour or normal is evaluated. Marches each unfinished ray
     /// to its next sample in an occupied cell. Samples of a ray that has ended are ignored and not counted. If `COLLIDE`
     /// is true, a ray ends at the sample in which its photon collides, and this sample alone is picked, with weight 1.
-    pub fn run<M: Math, const COLLIDE: bool>(
-        &mut self,
-        tile: &mut TileState<'_, '_>,
-        counters: &mut Counters,
-    ) {
+    pub fn run<const COLLIDE: bool>(&mut self, tile: &mut TileState<'_, '_>, counters: &mut Counters) {
         // In builds without vectors, a separate pass would need more code and save no time.
         if VECTORS && !COLLIDE {
-            self.absorb::<M>(tile);
+            self.absorb(tile);
         }
         let TileState { field, rays, density, surface } = tile;
         let (field, plan, medians, n) = (*field, field.plan, &mut surface.medians, density.count);
@@ -92,7 +88,7 @@ impl<'w> Compositing<'w> {
                         state.pixel.gathered.add_alpha(alpha, light, t);
                     } else {
                         let SampleInterval { t, delta, .. } = interval(state);
-                        state.pixel.gathered.add_density::<M>(sigma, t, delta);
+                        with_math!(plan.math, M => state.pixel.gathered.add_density::<M>(sigma, t, delta));
                     }
                     if medians.passes(owner, &state.pixel.gathered) {
                         let SampleInterval { mid, delta, .. } = interval(state);
@@ -123,7 +119,7 @@ impl<'w> Compositing<'w> {
     /// transmittance behind each sample.
     ///
     /// The exponentials are computed up to sixteen at a time. The results are bit-identical on every instruction set.
-    fn absorb<M: Math>(&mut self, TileState { field, rays, density, .. }: &mut TileState<'_, '_>) {
+    fn absorb(&mut self, TileState { field, rays, density, .. }: &mut TileState<'_, '_>) {
         let (field, n, room) = (*field, density.count, density.owner.len());
         let (plan, isa) = (field.plan, field.isa());
         if plan.contraction.is_some() {
@@ -153,7 +149,7 @@ impl<'w> Compositing<'w> {
         let columns = field.columns(n).next_multiple_of(MAX_LANES).min(room);
         if let Some((alpha, light)) = tail_mut(self.rows, 2 * room).split_at_mut_checked(room) {
             let [alpha, light] = [alpha, light].map(|row| &mut row[..columns]);
-            isa.run_portable(columns, Absorb::<M> { alpha, light, math: PhantomData });
+            with_math!(plan.math, M => isa.run_portable(columns, Absorb::<M> { alpha, light, math: PhantomData }));
         }
     }
 }

@@ -7,7 +7,7 @@
 use super::TileState;
 use crate::blob::Blob;
 use crate::encoding::GridTables;
-use crate::math::Math;
+use crate::math::with_math;
 use crate::matrix::{Kernel, Storage};
 use crate::memory::{at, put};
 use crate::network::{Network, Role, Weights};
@@ -83,7 +83,7 @@ impl<'a> Proposer<'a> {
 ///
 /// If a ray has no sample in an occupied cell, its result is added to its pixel. All other rays are moved to the start
 /// of `rays.states`.
-pub(in crate::render) fn propose<M: Math>(
+pub(in crate::render) fn propose(
     proposer: &Proposer<'_>,
     TileState { field, rays, density, .. }: &mut TileState<'_, '_>,
     pixels: &mut Pixels<'_, '_>,
@@ -122,7 +122,7 @@ pub(in crate::render) fn propose<M: Math>(
             if sigma.is_nan() {
                 pixels.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let weight = ray.gathered.add_density::<M>(sigma, at(density.t, column), coarse.delta());
+                let weight = with_math!(plan.math, M => ray.gathered.add_density::<M>(sigma, at(density.t, column), coarse.delta()));
                 rays.samples.put_weight(owner, column, own, weight);
                 ray.done = ray.gathered.transmittance() < LEAST_TRANSMITTANCE;
             }
@@ -143,7 +143,7 @@ pub(in crate::render) fn propose<M: Math>(
             left += 1;
         } else {
             pixels.counters.samples_skipped += u64::from(plan.samples_per_ray());
-            pixels.finish::<M>(&state.pixel, None, target);
+            pixels.finish(&state.pixel, None, target);
         }
     }
     rays.hits = left;

@@ -107,7 +107,7 @@ fn whole_stops_double_exactly_and_others_by_their_power() {
 #[test]
 fn nothing_asked_for_changes_no_bit() {
     for c in [0.0, 1e-40, 0.3, 1.0, 1.000_000_1, -0.0] {
-        assert_eq!(to_light::<Polynomial>(&Tone::NONE, [c; 3])[0].to_bits(), c.to_bits());
-        assert_eq!(to_display::<Polynomial>(&Tone::NONE, [c; 3])[0].to_bits(), c.to_bits());
+        assert_eq!(to_light(&Tone::NONE, MathBackend::Polynomial, [c; 3])[0].to_bits(), c.to_bits());
+        assert_eq!(to_display(&Tone::NONE, MathBackend::Polynomial, [c; 3])[0].to_bits(), c.to_bits());
     }
 }
