@@ -6,7 +6,7 @@ use nerf_tests::paths;
 use nerf_tests::scenes::Recipe;
 use nerf_tests::tools::there_is;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// Effects, each with its feature, functions that only this feature compiles, and files of `nerf-core/src` that
@@ -54,9 +54,9 @@ fn builds(features: &[String], scene: &Path) -> Vec<Build> {
 }
 
 fn build(folder: &str, features: &str, scene: &Path) -> Build {
-    let package = ["-p", "nerf-core", "--example", "checksum", "--features", features];
-    let program = build_alone(folder, &package);
-    let program = program.iter().find(|file| file.ends_with("checksum")).expect("the example");
+    let example = ["-p", "nerf-core", "--example", "checksum", "--features", features];
+    let files = if features.is_empty() { without_effects() } else { build_alone(folder, &example) };
+    let program = files.iter().find(|file| file.ends_with("checksum")).expect("the example");
     let output = run(Command::new(program).arg(scene)).stdout;
     let line = |line: &str| {
         let (name, rest) = line.split_once(": ").expect("a name");
@@ -68,6 +68,12 @@ fn build(folder: &str, features: &str, scene: &Path) -> Build {
     let size = String::from_utf8(run(Command::new("size").arg(program)).stdout).expect("UTF-8");
     let text = size.lines().nth(1).and_then(|line| line.split_whitespace().next()?.parse().ok());
     Build { lines, text: text.expect("the size of the text"), code: code(program), symbols }
+}
+
+/// Builds the program and the C library without effects, in one build of the core. Returns the files of both.
+fn without_effects() -> Vec<PathBuf> {
+    let packages = ["-p", "nerf-core", "--example", "checksum", "-p", "nerf-render-ffi", "--lib"];
+    build_alone("a", &[&packages[..], &["--features", "nerf-render-ffi/std"]].concat())
 }
 
 /// Returns the size of the machine code from each file of `nerf-core/src`, bytes, computed from the line table in the
@@ -191,7 +197,7 @@ fn compare(part: &[(&str, &[&str], &[&str])], some: &Build, none: &Build, all: &
 
 #[test]
 fn the_c_library_without_effects_has_none_of_their_code() {
-    let files = build_alone("a", &["-p", "nerf-render-ffi", "--lib", "--features", "std"]);
+    let files = without_effects();
     let without = files.iter().find(|file| file.ends_with("libnerf_render.a")).expect("a static library");
     let with = nerf_tests::build::libraries().archive;
     let symbols = |library: &Path| {
