@@ -2,7 +2,7 @@
 
 use super::{Accumulator, Pixel};
 use crate::errors::errors;
-use crate::math::{MathBackend, with_math};
+use crate::math::MathBackend;
 
 /// Composites samples along one ray into colour, opacity and distance, as in a frame with the maths backend `math`.
 ///
@@ -43,11 +43,11 @@ pub fn composite(
     }
     let mut ray = Accumulator::NONE;
     let bins = t_edges.iter().zip(t_edges.iter().skip(1));
-    with_math!(math, M => for ((&sigma, &rgb), (start, end)) in sigma.iter().zip(rgb).zip(bins) {
+    for ((&sigma, &rgb), (start, end)) in sigma.iter().zip(rgb).zip(bins) {
         if !sigma.is_nan() && rgb.iter().all(|c| c.is_finite()) {
-            ray.add::<M>(sigma, rgb, 0.5 * start + 0.5 * end, end - start);
+            ray.add(math, sigma, rgb, 0.5 * start + 0.5 * end, end - start);
         }
-    });
+    }
     Ok(ray.finish_from(0.0, false, background, t_edges[n], 1.0))
 }
 

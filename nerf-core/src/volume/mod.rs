@@ -1,6 +1,6 @@
 //! Volume rendering: densities and colours along a ray become one pixel.
 
-use crate::math::{Math, Sum};
+use crate::math::{Math, MathBackend, Sum, with_math};
 use crate::simd::{BLOCK, Lanes};
 use side_by_side::Rows;
 
@@ -143,10 +143,11 @@ impl Accumulator {
     /// `sigma`: 1/world unit, clamped to `>= 0`; must not be NaN. `t`: world units along the ray, finite. `delta`:
     /// width of its bin, world units. If `sigma` or `delta` is +inf, the sample is opaque, unless the other is 0.
     #[inline]
-    pub fn add_density<M: Math>(&mut self, sigma: f32, t: f32, delta: f32) -> f32 {
+    pub fn add_density(&mut self, math: MathBackend, sigma: f32, t: f32, delta: f32) -> f32 {
         let tau = thickness(sigma, delta);
         let total = self.add_thickness(tau);
-        self.add_alpha(alpha::<M, f32>(tau), light::<M, f32>(total), t)
+        let (alpha, light) = with_math!(math, M => (alpha::<M, f32>(tau), light::<M, f32>(total)));
+        self.add_alpha(alpha, light, t)
     }
 
     /// Adds the optical thickness `tau` of a sample; the first half of [`Accumulator::add_density`]. Returns the sum of
@@ -267,8 +268,8 @@ impl Accumulator {
     /// [`Accumulator::add_density`].
     #[cfg(feature = "train")]
     #[inline]
-    pub(crate) fn add<M: Math>(&mut self, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
-        let weight = self.add_density::<M>(sigma, t, delta);
+    pub(crate) fn add(&mut self, math: MathBackend, sigma: f32, rgb: [f32; 3], t: f32, delta: f32) -> f32 {
+        let weight = self.add_density(math, sigma, t, delta);
         if let Some(weight) = self.take_uncoloured(0.0) {
             self.add_colour(weight, rgb);
         }

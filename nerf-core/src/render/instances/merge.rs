@@ -9,7 +9,6 @@
 
 use super::Instance;
 use super::deferred::Deferred;
-use crate::math::with_math;
 use crate::memory::{Layout, at, column, head, put, put_column};
 use crate::network::Network;
 use crate::plan::{Plan, Span};
@@ -425,8 +424,7 @@ impl<'f, 'w> Merge<'f, 'w> {
             *done = gathered.collide(before, sigma, middle, width);
             f32::from(u8::from(*done))
         } else {
-            let t = counts_at.unwrap_or(middle);
-            let weight = with_math!(plan.math, M => gathered.add_density::<M>(sigma, t, width));
+            let weight = gathered.add_density(plan.math, sigma, counts_at.unwrap_or(middle), width);
             if self.surface.medians.passes(i as u32, gathered) {
                 self.surface.medians.put(i as u32, before, sigma, [middle, width]);
             }

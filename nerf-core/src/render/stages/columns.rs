@@ -69,10 +69,9 @@ impl<'w> ColumnMarch<'w> {
             field.isa().run(Samples { stride, columns: &mut columns, to: density.positions });
             density.evaluate(field, stride);
             let h = head(density.scratch.front, field.network.trunk_rows() * stride);
-            let (sigma, of) = (&*density.sigma, &mut columns);
             with_math!(field.plan.math, M => {
-                let absorb = Absorb::<M> { stride, sigma, h, columns: of, math: PhantomData };
-                field.isa().run_portable(stride, absorb);
+                let (sigma, columns, math) = (&*density.sigma, &mut columns, PhantomData);
+                field.isa().run_portable(stride, Absorb::<M> { stride, sigma, h, columns, math });
             });
             let sigma = head(density.sigma, n);
             counters.invalid_samples += sigma.iter().map(|sigma| u64::from(sigma.is_nan())).sum::<u64>();

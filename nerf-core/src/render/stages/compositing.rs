@@ -88,7 +88,7 @@ impl<'w> Compositing<'w> {
                         state.pixel.gathered.add_alpha(alpha, light, t);
                     } else {
                         let SampleInterval { t, delta, .. } = interval(state);
-                        with_math!(plan.math, M => state.pixel.gathered.add_density::<M>(sigma, t, delta));
+                        state.pixel.gathered.add_density(plan.math, sigma, t, delta);
                     }
                     if medians.passes(owner, &state.pixel.gathered) {
                         let SampleInterval { mid, delta, .. } = interval(state);
@@ -149,7 +149,9 @@ impl<'w> Compositing<'w> {
         let columns = field.columns(n).next_multiple_of(MAX_LANES).min(room);
         if let Some((alpha, light)) = tail_mut(self.rows, 2 * room).split_at_mut_checked(room) {
             let [alpha, light] = [alpha, light].map(|row| &mut row[..columns]);
-            with_math!(plan.math, M => isa.run_portable(columns, Absorb::<M> { alpha, light, math: PhantomData }));
+            with_math!(plan.math, M => {
+                isa.run_portable(columns, Absorb::<M> { alpha, light, math: PhantomData });
+            });
         }
     }
 }

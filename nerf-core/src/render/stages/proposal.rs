@@ -7,7 +7,6 @@
 use super::TileState;
 use crate::blob::Blob;
 use crate::encoding::GridTables;
-use crate::math::with_math;
 use crate::matrix::{Kernel, Storage};
 use crate::memory::{at, put};
 use crate::network::{Network, Role, Weights};
@@ -122,7 +121,8 @@ pub(in crate::render) fn propose(
             if sigma.is_nan() {
                 pixels.counters.invalid_samples += 1;
             } else if sigma > 0.0 {
-                let weight = with_math!(plan.math, M => ray.gathered.add_density::<M>(sigma, at(density.t, column), coarse.delta()));
+                let weight =
+                    ray.gathered.add_density(plan.math, sigma, at(density.t, column), coarse.delta());
                 rays.samples.put_weight(owner, column, own, weight);
                 ray.done = ray.gathered.transmittance() < LEAST_TRANSMITTANCE;
             }

@@ -2,7 +2,7 @@
 //! evaluates one sample at a time.
 
 use super::*;
-use crate::math::polynomial::Polynomial;
+use crate::math::MathBackend;
 use crate::sampling::Bins;
 use crate::simd::BLOCK;
 use crate::volume::Accumulator;
@@ -28,7 +28,7 @@ fn sample_by_sample(
             let dirs = [ray.dir.into()];
             renderer.query(&plan, &[ray.at(t).into()], &dirs, &mut memory, &mut sigma, &mut rgb).unwrap();
             densities += 1;
-            gathered.add_density::<Polynomial>(sigma[0], t, bins.delta());
+            gathered.add_density(MathBackend::Polynomial, sigma[0], t, bins.delta());
             if let Some(weight) = gathered.take_uncoloured(quality.colour_cut) {
                 colours += 1;
                 gathered.add_colour(weight, rgb[0]);

@@ -4,7 +4,6 @@ use crate::Kernel;
 use crate::blob::{Blob, StoredOccupancy};
 use crate::camera::Camera;
 use crate::math::MathBackend;
-use crate::math::polynomial::Polynomial;
 use crate::memory::Line;
 use crate::network::{Architecture, GradientScratch, Network, Scratch, Weights};
 use crate::plan::{Batch, Outputs, Plan, PlanError, Quality};
@@ -127,7 +126,7 @@ fn sample_by_sample(
             let (mut sigma, mut rgb) = ([f32::NAN], [[f32::NAN; 3]]);
             let (p, dir) = (ray.at(t), ray.dir.into());
             renderer.query(&plan, &[p.into()], &[dir], &mut memory, &mut sigma, &mut rgb).unwrap();
-            gathered.add_density::<Polynomial>(sigma[0], t, bins.delta());
+            gathered.add_density(MathBackend::Polynomial, sigma[0], t, bins.delta());
             if let Some(weight) = gathered.take_uncoloured(quality.colour_cut) {
                 evaluations += 1;
                 sum.add(weight, gradient(network, p, blur));

@@ -5,7 +5,7 @@ use crate::Kernel;
 use crate::blob::{Blob, Body, ParetoFront, Proposal, StoredOccupancy};
 use crate::camera::{Camera, Intrinsics, Lens, Pose};
 use crate::encoding::{AngleScale, SinusoidalEncoding};
-use crate::math::polynomial::Polynomial;
+use crate::math::MathBackend;
 use crate::memory::Line;
 use crate::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use crate::plan::{Batch, Outputs, Plan, Quality};
@@ -136,7 +136,8 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
                     let t = bins.at(bin, 0.5);
                     let (sigma, _) = ask(&coarse, &plans[1], ray.at(t), ray.dir);
                     if sigma > 0.0 && seen.transmittance() >= LEAST_TRANSMITTANCE {
-                        row[(DRAWN + bin) as usize] = seen.add_density::<Polynomial>(sigma, t, bins.delta());
+                        row[(DRAWN + bin) as usize] =
+                            seen.add_density(MathBackend::Polynomial, sigma, t, bins.delta());
                     }
                 }
                 sample_pdf(&bins, &mut row, |_| 0.5);
@@ -145,7 +146,13 @@ fn a_picture_is_the_composite_of_the_drawn_samples_bit_for_bit() {
                     let (sigma, rgb) = ask(&fine, &plans[0], ray.at(row[k]), ray.dir);
                     if sigma > 0.0 && ray_sum.transmittance() >= cut {
                         hits += 1;
-                        ray_sum.add::<Polynomial>(sigma, rgb, row[k], sample_interval(2.0, 6.0, &row, k).1);
+                        ray_sum.add(
+                            MathBackend::Polynomial,
+                            sigma,
+                            rgb,
+                            row[k],
+                            sample_interval(2.0, 6.0, &row, k).1,
+                        );
                     }
                 }
                 let is_cut = ray_sum.transmittance() < cut;
