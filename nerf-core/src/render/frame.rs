@@ -70,8 +70,8 @@ impl<'f, 'w> Frame<'f, 'w> {
     pub fn turn<const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
-        source: &impl RaySource,
-        target: &mut impl Target,
+        source: &dyn RaySource,
+        target: &mut dyn Target,
     ) {
         let tile = &mut self.tile;
         tile.rays.start::<COLLIDE>(pixels, source, target);

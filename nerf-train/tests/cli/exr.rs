@@ -1,7 +1,7 @@
 //! Views as floats: what an EXR holds is what the PNG shows, and no other file is replaced.
 
 use crate::made::Folder;
-use crate::{blob, fails, ok};
+use crate::{blob, fails, ok, read_picture};
 use ::exr::prelude::{FlatSamples, read_first_flat_layer_from_file};
 
 /// The channels of an EXR by name.
@@ -25,7 +25,7 @@ fn a_view_is_written_as_floats_with_colour_in_linear_light() {
     let colour = channels(&floats);
     let names: Vec<&str> = colour.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["B", "G", "R"]);
-    let shown = image::open(&picture).expect("a PNG").into_rgb8();
+    let shown = read_picture(&picture).into_rgb8();
     for (i, pixel) in shown.pixels().enumerate() {
         for (c, name) in ["R", "G", "B"].into_iter().enumerate() {
             let values = &colour.iter().find(|(found, _)| found == name).expect("a channel").1;

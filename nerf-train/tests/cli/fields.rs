@@ -1,7 +1,7 @@
 //! 2D fields and sweeps.
 
 use crate::made::Folder;
-use crate::{blob, command, fails, has, json, ok, ran};
+use crate::{blob, command, fails, has, json, ok, ran, read_picture, write_picture};
 use std::path::Path;
 
 /// A network of 2×16 on small pictures: steps of a millisecond.
@@ -11,7 +11,7 @@ const TINY: &[&str] = &["--pixels", "64", "--steps", "40", "--set", "optimiser.w
 fn photo(folder: &Folder) -> String {
     let path = folder.path("photo.png");
     let pixel = |x: u32, y: u32| image::Rgb([20 * x as u8, if x > y { 200 } else { 30 }, 90u8]);
-    image::ImageBuffer::from_fn(12, 8, pixel).save(&path).expect("a picture");
+    write_picture(image::ImageBuffer::from_fn(12, 8, pixel), &path);
     path
 }
 
@@ -60,7 +60,7 @@ fn fitted_reported_and_rendered(preset: &str) {
         &["--height", "65535 pixels a side", "x65535"],
     );
     // What the fit shows is what its blob shows.
-    let of = |path: &str| image::open(path).expect("a picture").into_rgb8();
+    let of = |path: &str| read_picture(path).into_rgb8();
     assert_eq!(of(&folder.path("same.png")), of(&format!("{report}/picture.png")));
 }
 
@@ -139,7 +139,7 @@ fn a_file_is_no_larger_than_it_was_asked_to_be() {
     let folder = Folder::new();
     let (photo, file) = (folder.path("noise.png"), folder.path("a.nerf"));
     let pixel = |x: u32, y: u32| image::Rgb([((x * 37) ^ (y * 91)) as u8, (x * y) as u8, (x + y) as u8]);
-    image::ImageBuffer::from_fn(200, 150, pixel).save(&photo).expect("a picture");
+    write_picture(image::ImageBuffer::from_fn(200, 150, pixel), &photo);
     let args = ["image", "fit", &photo, "-o", &file, "--restart", "--steps", "2", "--pixels", "64"];
     let with = |flags: &[&'static str]| [&args, flags].concat();
     for (wish, bytes) in [("20k", 20 << 10), ("65536", 65_536), ("256k", 256 << 10)] {
@@ -195,7 +195,7 @@ fn pictures_of_one_pixel_and_of_one_column_are_fitted_and_drawn() {
     for (width, height) in [(1, 1), (1, 65_535)] {
         let (photo, file, shown) = (folder.path("p.png"), folder.path("p.nerf"), folder.path("shown.png"));
         let pixel = |_: u32, y: u32| image::Rgb([(y >> 8) as u8, 100, 200]);
-        image::ImageBuffer::from_fn(width, height, pixel).save(&photo).expect("a picture");
+        write_picture(image::ImageBuffer::from_fn(width, height, pixel), &photo);
         ok(image_fit(&photo, &file, &[]));
         ok(["image", "render", &file, "-o", &shown, "-q"]);
         assert_eq!(image::image_dimensions(&shown).expect("a picture"), (width, height));

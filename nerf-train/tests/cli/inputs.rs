@@ -1,7 +1,7 @@
 //! An input is never an output: every command, and every way in which an output can be an input.
 
 use crate::made::Folder;
-use crate::{blob, command, fit, ok, ran};
+use crate::{blob, command, fit, ok, ran, write_picture};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -95,7 +95,7 @@ fn the_commands_that_destroyed_their_input_refuse_and_leave_it() {
     let root = Path::new(&root);
     folder.npz("d.nerf");
     std::fs::copy(&blob().1, root.join("c.png")).expect("copied");
-    image::RgbImage::from_pixel(12, 8, image::Rgb([9, 90, 200])).save(root.join("p.png")).expect("a picture");
+    write_picture(image::RgbImage::from_pixel(12, 8, image::Rgb([9, 90, 200])), root.join("p.png"));
     ok([
         "image",
         "fit",

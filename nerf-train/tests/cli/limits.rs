@@ -1,7 +1,7 @@
 //! Limits in seconds and in steps, also of runs that are taken up again.
 
 use crate::made::Folder;
-use crate::{command, fails, fit, ok, ran};
+use crate::{command, fails, fit, ok, ran, write_picture};
 use std::path::Path;
 
 #[test]
@@ -32,7 +32,7 @@ fn a_limit_that_leaves_no_time_to_train_is_refused_and_leaves_nothing() {
     let args = ["--preset", "small", "--max-seconds", "0.001", "--report", &report];
     fails([&["fit", &data, "-o", &file, "-q"], &args[..]].concat(), &words);
     let photo = folder.path("photo.png");
-    image::RgbImage::from_pixel(12, 8, image::Rgb([9, 90, 200])).save(&photo).expect("a picture");
+    write_picture(image::RgbImage::from_pixel(12, 8, image::Rgb([9, 90, 200])), &photo);
     fails(["image", "fit", &photo, "-o", &file, "-q", "--max-seconds", "0.001"], &words);
     assert!(!folder.names().iter().any(|name| name.starts_with("a.nerf")), "{:?}", folder.names());
     // Few steps that were asked for are made.

@@ -1,5 +1,6 @@
 //! Small data sets on disk.
 
+use crate::write_picture;
 use nerf_train::data::Axes;
 use nerf_train::data::Dataset;
 use nerf_train::data::View;
@@ -60,7 +61,7 @@ impl Folder {
                 let (width, height) = view.size();
                 let bytes = view.pixels.as_flattened().to_vec();
                 let picture = image::RgbaImage::from_raw(width, height, bytes).expect("a picture");
-                picture.save(pictures.join(format!("r_{i}.png"))).expect("saved");
+                write_picture(picture, pictures.join(format!("r_{i}.png")));
                 let [a, b, c] = view.camera.pose().to_rows();
                 frames.push(serde_json::json!({
                     "file_path": format!("./{split}/r_{i}"),
@@ -95,6 +96,10 @@ impl Folder {
             Array::new("focal", "<f8", "()", dataset.train[0].camera.intrinsics().fx.f64().to_vec()),
         ];
         change(&mut arrays);
+        self.archive(name, arrays)
+    }
+
+    fn archive(&self, name: &str, arrays: Vec<Array>) -> String {
         let path = self.path(name);
         let mut writer = zip::ZipWriter::new(std::fs::File::create(&path).expect("create"));
         for Array { key, dtype, shape, data } in arrays {

@@ -43,6 +43,9 @@ mod untrusted;
 mod video;
 mod views;
 
+use image::DynamicImage;
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::PngEncoder;
 use made::Folder;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -71,6 +74,24 @@ const TINY: &[&str] = &[
     "--set",
     "occupancy.resolution=12",
 ];
+
+/// Reads a picture. `image::open` would compile every decoder for this program once more.
+fn read_picture(file: impl AsRef<Path>) -> DynamicImage {
+    let file = file.as_ref();
+    let bytes = std::fs::read(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+    image::load_from_memory(&bytes).unwrap_or_else(|error| panic!("{}: {error}", file.display()))
+}
+
+/// Writes a picture as JPEG or PNG, by the file's ending. Its own `save` would compile every encoder.
+fn write_picture(picture: impl Into<DynamicImage>, file: impl AsRef<Path>) {
+    let (picture, file, mut bytes) = (picture.into(), file.as_ref(), Vec::new());
+    let written = match file.extension().is_some_and(|ending| ending == "jpg") {
+        true => picture.write_with_encoder(JpegEncoder::new(&mut bytes)),
+        false => picture.write_with_encoder(PngEncoder::new(&mut bytes)),
+    };
+    written.expect("a picture");
+    std::fs::write(file, bytes).expect("written");
+}
 
 /// What a command left.
 struct Ran {
@@ -109,16 +130,22 @@ fn run<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Ran {
 
 /// Runs a command that must succeed; its stdout.
 fn ok<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> String {
-    let mut command = command(args);
-    let ran = ran(&mut command);
+    succeeds(&mut command(args))
+}
+
+fn succeeds(command: &mut Command) -> String {
+    let ran = ran(command);
     assert_eq!(ran.code, Some(0), "{command:?}: {}", ran.err);
     ran.out
 }
 
 /// Runs a command that must fail with one clear message, which holds all of `words`.
 fn fails<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>, words: &[&str]) -> String {
-    let mut command = command(args);
-    let ran = ran(&mut command);
+    fails_as(&mut command(args), words)
+}
+
+fn fails_as(command: &mut Command, words: &[&str]) -> String {
+    let ran = ran(command);
     assert!(matches!(ran.code, Some(1 | 2)), "{command:?}: status {:?}: {}", ran.code, ran.err);
     assert_eq!(ran.err.matches("error:").count(), 1, "{command:?}: {}", ran.err);
     for word in words {

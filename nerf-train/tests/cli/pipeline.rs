@@ -2,16 +2,12 @@
 
 use crate::made::{Folder, names};
 use crate::tools::there_is;
-use crate::{blob, command, fails, fit, has, json, ok, ran};
+use crate::{blob, command, fails, fit, has, json, ok, ran, read_picture};
 use std::path::Path;
 use std::process::Stdio;
 
 const FIELDS: &[&str] =
     &["val_psnr_db", "val_ssim", "views", "background", "train_seconds", "steps", "parameters", "blob_bytes"];
-
-fn picture(path: &str) -> image::DynamicImage {
-    image::open(path).unwrap_or_else(|error| panic!("{path}: {error}"))
-}
 
 /// Weights of a blob that are f16 subnormals.
 fn subnormal_weights(path: &str) -> u64 {
@@ -132,14 +128,14 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
         "--outputs",
         all,
     ]);
-    assert_eq!((picture(&still).width(), picture(&still).height()), (20, 10));
-    let opacity = picture(&folder.path("still_opacity.png"));
+    assert_eq!((read_picture(&still).width(), read_picture(&still).height()), (20, 10));
+    let opacity = read_picture(&folder.path("still_opacity.png"));
     assert!(matches!(opacity, image::DynamicImage::ImageLuma16(_)), "{:?}", opacity.color());
     for name in ["still_ray_distance.png", "still_z_depth.png", "still_median_distance.png"] {
-        assert!(picture(&folder.path(name)).width() >= 20, "{name}");
+        assert!(read_picture(&folder.path(name)).width() >= 20, "{name}");
     }
     // The picture of normals has no legend, and the colours of unit vectors where it is not empty.
-    let normals = picture(&folder.path("still_normals.png")).into_rgb8();
+    let normals = read_picture(&folder.path("still_normals.png")).into_rgb8();
     assert_eq!((normals.width(), normals.height()), (20, 10));
     let vector = |p: &image::Rgb<u8>| p.0.map(|c| f32::from(c) / 127.5 - 1.0);
     let length = |[x, y, z]: [f32; 3]| (x * x + y * y + z * z).sqrt();
@@ -156,16 +152,16 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
 
     let view = folder.path("view.png");
     ok(["render", file, "-q", "-o", &view, "--data", &data, "--view", "1", "--bins", "own"]);
-    assert_eq!(picture(&view).width(), 24);
+    assert_eq!(read_picture(&view).width(), 24);
     // The same view as eval's own picture of it, which takes the bins that the network was fitted on.
     let report = folder.path("eval_of_view");
     ok(["eval", file, &data, "-q", "--report", &report]);
-    let of_eval = picture(&format!("{report}/images_val_1.png"));
-    assert!(picture(&view).into_rgb8() == of_eval.into_rgb8());
+    let of_eval = read_picture(&format!("{report}/images_val_1.png"));
+    assert!(read_picture(&view).into_rgb8() == of_eval.into_rgb8());
 
     let clear = folder.path("clear.png");
     ok(["render", file, "-q", "-o", &clear, "--width", "24", "--transparent"]);
-    let image::DynamicImage::ImageRgba8(clear) = picture(&clear) else { panic!("no alpha") };
+    let image::DynamicImage::ImageRgba8(clear) = read_picture(&clear) else { panic!("no alpha") };
     assert!(clear.pixels().any(|p| p[3] == 0), "the corners are empty");
 
     let orbit = folder.path("orbit.gif");

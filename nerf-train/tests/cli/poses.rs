@@ -3,7 +3,7 @@
 use crate::made::{Folder, names};
 use crate::stopping::Running;
 use crate::tools;
-use crate::{Ran, command, fails, fit, fit_grid, interruptible, ok, ran};
+use crate::{Ran, command, fails, fit, fit_grid, interruptible, ok, ran, read_picture, write_picture};
 use rayon::prelude::*;
 use std::fs;
 use std::io::Write;
@@ -41,7 +41,7 @@ impl World {
         fs::create_dir(&photos).expect("a folder");
         for (i, name) in ["a b.jpg", "1.png", "2.png", "3.png"].into_iter().enumerate() {
             let pixel = |x: u32, y: u32| image::Rgb([(20 * x) as u8, (30 * y) as u8, i as u8]);
-            image::RgbImage::from_fn(8, 6, pixel).save(Path::new(&photos).join(name)).expect("a picture");
+            write_picture(image::RgbImage::from_fn(8, 6, pixel), Path::new(&photos).join(name));
         }
         fs::write(Path::new(&photos).join("notes.txt"), "not a picture").expect("written");
         fs::create_dir(folder.path("bin")).expect("a folder");
@@ -203,7 +203,7 @@ fn two_captures_in_one_folder_are_named() {
     let world = World::new();
     let pixel = |x: u32, y: u32| image::Rgb([(20 * x) as u8, (30 * y) as u8, 9]);
     for name in ["x1.png", "x2.png", "x3.png"] {
-        image::RgbImage::from_fn(6, 8, pixel).save(Path::new(&world.photos).join(name)).expect("a picture");
+        write_picture(image::RgbImage::from_fn(6, 8, pixel), Path::new(&world.photos).join(name));
     }
     world.model(0, &["x1.png", "x2.png", "x3.png"]);
     world.model(1, &["a b.jpg", "1.png", "2.png", "3.png"]);
@@ -306,9 +306,9 @@ fn the_real_colmap_finds_the_poses_of_twelve_photographs() {
     let photos = folder.path("cup");
     fs::create_dir(&photos).expect("a folder");
     for name in names(&cup).iter().take(12) {
-        let photo = image::open(cup.join(name)).expect("a photograph");
+        let photo = read_picture(cup.join(name));
         let small = photo.resize_exact(400, 300, image::imageops::FilterType::Triangle);
-        small.save(format!("{photos}/{name}.png")).expect("saved");
+        write_picture(small, format!("{photos}/{name}.png"));
     }
     let made = ok(["poses", &photos, "--json", "-q"]);
     let said: serde_json::Value = serde_json::from_str(&made).expect("one object");
@@ -328,9 +328,9 @@ fn with_images_8(folder: &Folder, capture: &Path) -> String {
     }
     let photographs = names(&capture.join("images"));
     photographs.par_iter().for_each(|name| {
-        let photograph = image::open(capture.join("images").join(name)).expect("a photograph");
+        let photograph = read_picture(capture.join("images").join(name));
         let (width, height) = (photograph.width() / 8, photograph.height() / 8);
-        photograph.thumbnail_exact(width, height).save(copy.join("images_8").join(name)).expect("saved");
+        write_picture(photograph.thumbnail_exact(width, height), copy.join("images_8").join(name));
     });
     copy.display().to_string()
 }

@@ -4,7 +4,7 @@
 //! hold come and go with the numbers and are not in it.
 
 use crate::made::Folder;
-use crate::{blob, fit_grid, ok};
+use crate::{blob, fit_grid, ok, write_picture};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -50,9 +50,10 @@ fn every_commands_json_keeps_its_names_and_kinds() {
     let grid = path("grid.nerf");
     ok(fit_grid(&data, &grid, &["--steps", "30"]));
     let photo = path("photo.png");
-    image::RgbImage::from_fn(24, 16, |x, y| image::Rgb([x as u8 * 9, y as u8 * 15, 90]))
-        .save(&photo)
-        .expect("a picture");
+    write_picture(
+        image::RgbImage::from_fn(24, 16, |x, y| image::Rgb([x as u8 * 9, y as u8 * 15, 90])),
+        &photo,
+    );
     let field = path("field.nerf");
     let image_fit = ["image", "fit", &photo, "-o", &field, "--steps", "20", "--pixels", "64"];
     let study = ["--repeats", "1", "--timing-views", "1", "--views", "1", "--no-other-occupancy"];

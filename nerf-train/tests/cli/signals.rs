@@ -5,7 +5,7 @@ use crate::checkpoint::Shape;
 use crate::made::{Folder, scene};
 use crate::stopping::{Running, wait_for};
 use crate::tools::all_here;
-use crate::{blob, fit, interruptible, ok};
+use crate::{blob, fit, interruptible, ok, write_picture};
 use nerf_core::blob::Blob;
 use nerf_core::sampling::{Purpose, uniform};
 use nerf_train::data::demo;
@@ -41,7 +41,7 @@ impl Inputs {
         let large = folder.npz_of("large.npz", &demo::dataset(&spec).expect("a scene"), |_| {});
         let photo = folder.path("photo.png");
         let pixel = |x: u32, y: u32| image::Rgb([x as u8, if x > y { 200 } else { 30 }, (y / 2) as u8]);
-        image::ImageBuffer::from_fn(900, 600, pixel).save(&photo).expect("a picture");
+        write_picture(image::ImageBuffer::from_fn(900, 600, pixel), &photo);
         let checkpoint = folder.path("network.npz");
         Shape::small().checkpoint(1).npz(Path::new(&checkpoint), "<f4");
         let fifo = folder.path("fifo.json");

@@ -1,7 +1,7 @@
 //! `--space`: scenes that end at a box, and unbounded scenes.
 
 use crate::made::{Folder, scene};
-use crate::{fails, fit, fit_grid, json, ok, run};
+use crate::{fails, fit, fit_grid, json, ok, run, write_picture};
 use glam::{DQuat, DVec3, Mat3, Vec3};
 use nerf_core::blob::Blob;
 use nerf_core::camera::{Camera, Lens, Pose};
@@ -134,7 +134,7 @@ fn moved(folder: &Folder, name: &str, scale: f64, turn: DQuat, by: DVec3) -> Str
             let picture = format!("{}.png", frames.len());
             let bytes = view.pixels.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
             let image = image::RgbImage::from_raw(width, height, bytes).expect("a picture");
-            image.save(format!("{place}/{picture}")).expect("saved");
+            write_picture(image, format!("{place}/{picture}"));
             let pose = view.camera.pose();
             let position = by + turn * (scale * pose.position.as_dvec3());
             let [a, b, c] = [pose.rotation.x_axis, pose.rotation.y_axis, pose.rotation.z_axis]

@@ -1,7 +1,7 @@
 //! A blob seen from nearer and farther than its training cameras stood.
 
 use crate::made::Folder;
-use crate::{blob, fails, fit_grid, ok};
+use crate::{blob, fails, fit_grid, ok, read_picture};
 
 /// Mean opacity of a view down the z axis from `z`, with the scene as large in it as from 4 units away.
 fn opacity(file: &str, z: f32, more: &[&str]) -> f64 {
@@ -11,7 +11,7 @@ fn opacity(file: &str, z: f32, more: &[&str]) -> f64 {
     let focal = format!("--focal={}", 8.0 * z.max(1.0));
     let args = ["render", file, "-o", &view, &pose, &focal, "--width", "24", "--outputs", "opacity", "-q"];
     ok([&args[..], more].concat());
-    let picture = image::open(&view).expect("a picture").into_luma16();
+    let picture = read_picture(&view).into_luma16();
     let sum: f64 = picture.pixels().map(|pixel| f64::from(pixel.0[0]) / 65535.0).sum();
     sum / f64::from(picture.width() * picture.height())
 }

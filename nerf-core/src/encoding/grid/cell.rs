@@ -99,30 +99,19 @@ impl<V: Lanes> Cells<V> {
     /// Derivative of each row's weight ([`Cells::row_weights`]) with respect to y, where y is counted in cells.
     #[cfg(feature = "normals")]
     #[inline(always)]
-    pub fn row_weights_by_y<const ROWS: usize>(&self) -> [V; ROWS] {
+    pub fn row_weights_by_y(&self) -> [V; 4] {
         let [_, _, wz] = self.weights;
-        let one = V::splat(1.0);
-        let of_z = if ROWS == 2 { [one; 2] } else { [one.sub(wz), wz] };
-        let mut weights = [one; ROWS];
-        for (r, weight) in weights.iter_mut().enumerate() {
-            let of_z = of_z[r >> 1 & 1];
-            *weight = if r & 1 == 0 { of_z.neg() } else { of_z };
-        }
-        weights
+        let near = V::splat(1.0).sub(wz);
+        [near.neg(), near, wz.neg(), wz]
     }
 
     /// Derivative of each row's weight ([`Cells::row_weights`]) with respect to z, counted in cells. Only for 3D.
     #[cfg(feature = "normals")]
     #[inline(always)]
-    pub fn row_weights_by_z<const ROWS: usize>(&self) -> [V; ROWS] {
+    pub fn row_weights_by_z(&self) -> [V; 4] {
         let [_, wy, _] = self.weights;
-        let of_y = [V::splat(1.0).sub(wy), wy];
-        let mut weights = [wy; ROWS];
-        for (r, weight) in weights.iter_mut().enumerate() {
-            let of_y = of_y[r & 1];
-            *weight = if r >> 1 == 0 { of_y.neg() } else { of_y };
-        }
-        weights
+        let near = V::splat(1.0).sub(wy);
+        [near.neg(), wy.neg(), near, wy]
     }
 }
 

@@ -33,16 +33,14 @@ pub fn encode_grid_block(
 ) {
     let x = head(x, usize::from(grid.inputs) * stride);
     let out = head_mut(out, grid.outputs() * stride);
-    if !VECTORS {
+    if !VECTORS || !stride.is_multiple_of(isa.columns()) {
         return encode_one_by_one(grid, tables, stride, x, out);
     }
-    with_table!(tables.values, table => {
-        isa.run_columns(stride, Encode { grid, tables, table, stride, x, out });
-    });
+    with_table!(tables.values, table => isa.run(Encode { grid, tables, table, stride, x, out }));
 }
 
-/// Implements [`encode_grid_block`] in builds without vector instructions, where code size matters more than speed:
-/// encodes one sample and one level at a time, with a run-time number of features. A 2D sample also reads two rows of
+/// Implements [`encode_grid_block`] for samples that fill no vectors, and in builds without vector instructions, where
+/// code size matters more than speed: encodes one sample and one level at a time, with a run-time number of features. A 2D sample also reads two rows of
 /// corners with weight 0, which leaves the result bit-identical.
 pub(super) fn encode_one_by_one(
     grid: &GridEncoding,
@@ -81,20 +79,19 @@ impl<T: Value> Op for Encode<'_, T> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
+        // The sizes whose constants save time; four features take as long with a run-time number.
         match (self.grid.inputs, self.grid.features) {
-            (2, 1) => self.encode::<V, 2, 1>(),
             (2, 2) => self.encode::<V, 2, 2>(),
-            (2, 4) => self.encode::<V, 2, 4>(),
             (3, 1) => self.encode::<V, 4, 1>(),
             (3, 2) => self.encode::<V, 4, 2>(),
-            (3, 4) => self.encode::<V, 4, 4>(),
-            // `Architecture::check` allows no other sizes.
-            _ => {}
+            _ => self.encode::<V, 4, 0>(),
         }
     }
 }
 
 impl<T: Value> Encode<'_, T> {
+    /// Encodes with `FEATURES` features a level, or with a run-time number of them if `FEATURES` is 0. With 4 `ROWS`, a
+    /// 2D sample also reads two rows of weight 0, which leaves the result bit-identical.
     #[inline(always)]
     fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let (stride, inputs) = (self.stride, usize::from(self.grid.inputs));
@@ -106,7 +103,7 @@ impl<T: Value> Encode<'_, T> {
             let reads = &mut heapless::Vec::new();
             for level in self.grid.levels() {
                 let to = (first, stride, &mut *self.out);
-                encode_level::<V, T, ROWS, FEATURES>(self.table, &level, &units, reads, to);
+                encode_level::<V, T, ROWS, FEATURES>(self.table, self.grid, &level, &units, reads, to);
             }
         }
     }
@@ -120,22 +117,24 @@ impl<T: Value> Encode<'_, T> {
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
     table: Table<'_, T>,
+    grid: &GridEncoding,
     level: &GridLevel,
     units: &[[V; 3]],
     reads: &mut heapless::Vec<Read<V, ROWS>, AT_ONCE>,
     (first, stride, out): (usize, usize, &mut [f32]),
 ) {
+    let features = if FEATURES == 0 { usize::from(grid.features).min(4) } else { FEATURES };
     // Two loops, since the values of one loop fit into the registers, but those of a combined loop do not.
     reads.clear();
     for &unit in units {
         let _ = reads.push(Read::of(level, unit));
     }
-    let mut rows = tail_mut(out, level.index * FEATURES * stride).chunks_exact_mut(stride);
-    let mut to: [_; FEATURES] =
+    let mut rows = tail_mut(out, level.index * features * stride).chunks_exact_mut(stride);
+    let mut to: [_; 4] =
         core::array::from_fn(|_| tail_mut(rows.next().unwrap_or_default(), first).chunks_exact_mut(V::COUNT));
     for read in &*reads {
-        let values = read.interpolate(table, level, FEATURES);
-        for (to, value) in to.iter_mut().zip(values) {
+        let values = read.interpolate(table, level, features);
+        for (to, value) in to.iter_mut().zip(values).take(features) {
             if let Some(to) = to.next() {
                 value.store(to);
             }

@@ -23,25 +23,20 @@ impl<T: Value> Op for Gradient<'_, T> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        match (self.grid.inputs, self.grid.features) {
-            // Builds without vectors favour code size: the number of features is a run-time value, and a 2D sample also
-            // reads two rows of weight 0, which leaves the result bit-identical.
-            _ if !VECTORS => self.gradient::<V, 4, 0>(),
-            (2, 1) => self.gradient::<V, 2, 1>(),
-            (2, 2) => self.gradient::<V, 2, 2>(),
-            (2, 4) => self.gradient::<V, 2, 4>(),
-            (3, 1) => self.gradient::<V, 4, 1>(),
-            (3, 2) => self.gradient::<V, 4, 2>(),
-            (3, 4) => self.gradient::<V, 4, 4>(),
-            // `Architecture::check` allows no other sizes.
-            _ => {}
+        // Two features, as in the presets, have code of their own.
+        if VECTORS && V::COUNT > 1 && self.grid.features == 2 {
+            self.gradient::<V, 2>();
+        } else {
+            self.gradient::<V, 0>();
         }
     }
 }
 
 impl<T: Value> Gradient<'_, T> {
+    /// Computes the gradient with `FEATURES` features a level, or with a run-time number of them if `FEATURES` is 0. A
+    /// 2D sample also reads two rows of weight 0, which leaves the result bit-identical.
     #[inline(always)]
-    pub(super) fn gradient<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
+    pub(super) fn gradient<V: Lanes, const FEATURES: usize>(self) {
         let stride = self.stride;
         let features = if FEATURES == 0 { usize::from(self.grid.features).min(4) } else { FEATURES };
         let inputs = usize::from(self.grid.inputs);
@@ -50,13 +45,13 @@ impl<T: Value> Gradient<'_, T> {
             let mut sums = [V::splat(0.0); 3];
             for level in self.grid.levels() {
                 let cells = Cells::of(&level, unit);
-                let rows = cells.rows::<ROWS>(&level);
+                let rows = cells.rows::<4>(&level);
                 let table = self.table.part(level.first * features, level.entries * features);
-                let along = |weights: [V; ROWS]| V::weighted_rows(table, &rows, &weights, features);
-                let by_x = along(cells.row_weights::<ROWS>());
-                let by_y = along(cells.row_weights_by_y::<ROWS>());
+                let along = |weights: [V; 4]| V::weighted_rows(table, &rows, &weights, features);
+                let by_x = along(cells.row_weights());
+                let by_y = along(cells.row_weights_by_y());
+                let by_z = along(cells.row_weights_by_z());
                 let mut of_cell = [V::splat(0.0); 3];
-                let by_z = if ROWS == 4 { along(cells.row_weights_by_z::<ROWS>()) } else { by_y };
                 for feature in 0..features {
                     let far = features + feature;
                     let channel = level.index * features + feature;

@@ -527,8 +527,7 @@ mod derivative {
             let table = crate::simd::Table::new(&values[..], &[]);
             let mut found = vec![0.0; x.len()];
             let (grid, x, of_encoded, of_x) = (&grid, &x[..], &of_encoded[..], &mut found[..]);
-            Gradient { grid, tables, table, stride: 64, x, of_encoded, blur: 0.0, of_x }
-                .gradient::<f32, 4, 0>();
+            Gradient { grid, tables, table, stride: 64, x, of_encoded, blur: 0.0, of_x }.gradient::<f32, 0>();
             let values = TableValues::F32(&values);
             let expected = gradient_of(Isa::Portable, grid, values, &UNIT, x, of_encoded, 0.0);
             assert!(have_the_same_bits(&found, &expected), "{grid:?}");

@@ -149,8 +149,8 @@ impl<'f, 'w> Merge<'f, 'w> {
     pub fn turn<const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
-        source: &impl RaySource,
-        target: &mut impl Target,
+        source: &dyn RaySource,
+        target: &mut dyn Target,
     ) {
         let mut count = 0;
         self.turn = pixels.turn;
@@ -185,7 +185,7 @@ impl<'f, 'w> Merge<'f, 'w> {
 
     /// Starts ray `i`, of pixel `(x, y)`: finds each field's first occupied bin on the ray. `COLLIDE`: whether the
     /// ray ends at a random collision.
-    fn start<const COLLIDE: bool>(&mut self, (x, y): (u32, u32), i: usize, source: &impl RaySource) {
+    fn start<const COLLIDE: bool>(&mut self, (x, y): (u32, u32), i: usize, source: &dyn RaySource) {
         let (capacity, ray) = (self.world.len(), source.ray(x, y));
         let range = source.range(x, y, &ray);
         let mut start = f32::INFINITY;

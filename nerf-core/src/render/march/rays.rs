@@ -74,8 +74,8 @@ impl<'f, 'w> Rays<'f, 'w> {
     pub fn start<const COLLIDE: bool>(
         &mut self,
         pixels: &mut Pixels<'_, '_>,
-        source: &impl RaySource,
-        target: &mut impl Target,
+        source: &dyn RaySource,
+        target: &mut dyn Target,
     ) {
         let tile = pixels.tile;
         (self.hits, self.turn) = (0, pixels.turn);
@@ -102,8 +102,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         packets: Option<&Packets<'_>>,
         part: Rect,
         pixels: &mut Pixels<'_, '_>,
-        source: &impl RaySource,
-        target: &mut impl Target,
+        source: &dyn RaySource,
+        target: &mut dyn Target,
     ) {
         let (plan, isa) = (self.field.plan, self.field.isa());
         let mut rays = [PixelRay::NONE.ray; MAX_LANES];
@@ -162,8 +162,8 @@ impl<'f, 'w> Rays<'f, 'w> {
         pixel: (u32, u32),
         ray: Ray,
         pixels: &mut Pixels<'_, '_>,
-        source: &impl RaySource,
-        target: &mut impl Target,
+        source: &dyn RaySource,
+        target: &mut dyn Target,
     ) {
         let (plan, isa) = (self.field.plan, self.field.isa());
         let [t_min, t_max] = source.range(pixel.0, pixel.1, &ray);
@@ -251,7 +251,7 @@ fn begin<const COLLIDE: bool>(
     pixel: (u32, u32),
     (ray, range, span): (Ray, [f32; 2], Option<Span>),
     intervals: &Intervals,
-    source: &impl RaySource,
+    source: &dyn RaySource,
     state: &mut RayState,
 ) {
     state.begin(pixel, ray, [range[0], range[1].min(source.far(&ray))], span);

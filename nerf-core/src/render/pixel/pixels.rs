@@ -43,7 +43,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
     /// Adds the result of `ray` to the ray's pixel. `hit`: median distances and normals of all rays of the tile, and
     /// the index of `ray` among these rays; `None` if the ray has no samples in occupied cells.
     #[inline(never)]
-    pub fn finish(&mut self, ray: &PixelRay, hit: Option<(&Surface<'_>, usize)>, target: &mut impl Target) {
+    pub fn finish(&mut self, ray: &PixelRay, hit: Option<(&Surface<'_>, usize)>, target: &mut dyn Target) {
         let [_, far] = ray.range;
         let cosine = ray.ray.dir.dot(self.forward);
         let background = self.background();
@@ -57,7 +57,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
     }
 
     /// Adds the result of a ray without samples to pixel `(x, y)`. `far`: the distance that is output, world units.
-    pub fn miss(&mut self, (x, y): (u32, u32), far: f32, target: &mut impl Target) {
+    pub fn miss(&mut self, (x, y): (u32, u32), far: f32, target: &mut dyn Target) {
         self.counters.samples_skipped += u64::from(self.plan.samples_per_ray());
         let median_distance = self.median_of_missed(far);
         let rgb = self.background();
@@ -81,7 +81,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
 
     /// Adds `seen`, the result of a ray, to pixel `(x, y)`. After the pixel's last ray, passes the pixel to `target`.
     /// `far`: distance, world units, that is output if the pixel shows no surface.
-    fn put(&mut self, (x, y): (u32, u32), mut seen: Pixel, far: f32, target: &mut impl Target) {
+    fn put(&mut self, (x, y): (u32, u32), mut seen: Pixel, far: f32, target: &mut dyn Target) {
         let (effects, math, tile) = (&self.plan.effects, self.plan.math, self.tile);
         seen.rgb = tone::to_light(&effects.tone, math, seen.rgb);
         let index = (y - tile.y) as usize * tile.width as usize + (x - tile.x) as usize;

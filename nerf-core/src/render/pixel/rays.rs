@@ -6,7 +6,7 @@ use crate::camera::{Camera, Lens, PinholeRays, Ray};
 use crate::math::log1p;
 use crate::plan::{Effects, Plan};
 use crate::sampling::SampleJitter;
-use crate::simd::{Isa, MAX_LANES};
+use crate::simd::{Isa, MAX_LANES, VECTORS};
 use crate::volume::Accumulator;
 use glam::Vec3;
 
@@ -14,22 +14,9 @@ use glam::Vec3;
 /// is output if the pixel shows no surface.
 pub(in crate::render) trait RaySource {
     fn ray(&self, x: u32, y: u32) -> Ray;
-    /// Returns the camera, and the position of its ray in every pixel: distances from the pixel's left and upper edge,
-    /// in pixels. `None` if the source is not a camera, or if the camera has depth of field or a lens other than
-    /// [`Lens::NONE`].
-    fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
-        None
-    }
     /// Writes the rays of the pixels of `part` to `to`, row by row. `part` must have at most [`MAX_LANES`] pixels.
-    fn rays(&self, isa: Isa, part: Rect, to: &mut [Ray]) {
-        let Some((camera, offset)) = self.pinhole() else {
-            return to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = self.ray(x, y));
-        };
-        let mut points = [[0.0; MAX_LANES]; 2];
-        for (i, (x, y)) in part.pixels().enumerate().take(MAX_LANES) {
-            (points[0][i], points[1][i]) = (x as f32 + offset.0, y as f32 + offset.1);
-        }
-        isa.run(PinholeRays { camera, points: &points, to });
+    fn rays(&self, _isa: Isa, part: Rect, to: &mut [Ray]) {
+        to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = self.ray(x, y));
     }
     /// Returns the nearest and the farthest visible distance along `ray`, the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
@@ -73,9 +60,18 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
         depth_of_field::through_lens(self.effects, self.camera.pose(), ray, (x, y), self.area)
     }
 
-    fn pinhole(&self) -> Option<(&Camera, (f32, f32))> {
-        let pinhole = self.effects.depth_of_field.is_none() && *self.camera.lens() == Lens::NONE;
-        pinhole.then_some((self.camera, self.offset))
+    fn rays(&self, isa: Isa, part: Rect, to: &mut [Ray]) {
+        let (camera, offset) = (self.camera, self.offset);
+        let is_pinhole = self.effects.depth_of_field.is_none() && *camera.lens() == Lens::NONE;
+        // Builds without vectors take rays one by one.
+        if !VECTORS || !is_pinhole {
+            return to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = self.ray(x, y));
+        }
+        let mut points = [[0.0; MAX_LANES]; 2];
+        for (i, (x, y)) in part.pixels().enumerate().take(MAX_LANES) {
+            (points[0][i], points[1][i]) = (x as f32 + offset.0, y as f32 + offset.1);
+        }
+        isa.run(PinholeRays { camera, points: &points, to });
     }
 
     #[inline]

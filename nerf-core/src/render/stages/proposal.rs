@@ -86,7 +86,7 @@ pub(in crate::render) fn propose(
     proposer: &Proposer<'_>,
     TileState { field, rays, density, .. }: &mut TileState<'_, '_>,
     pixels: &mut Pixels<'_, '_>,
-    target: &mut impl Target,
+    target: &mut dyn Target,
 ) {
     let (field, plan, hits) = (*field, field.plan, rays.hits);
     let (Some(network), Some(coarse)) = (proposer.network(), &plan.proposal) else { return };

@@ -130,6 +130,7 @@ fn check_jpeg(bytes: &[u8]) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::pictures::testing::png;
 
     /// Header of a BMP with 24 bits a pixel, without pixel data.
     fn bmp(width: i32, height: i32) -> Vec<u8> {
@@ -159,9 +160,8 @@ mod tests {
     fn sides_are_refused_by_the_header() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("wide.png");
-        image::GrayImage::new(MAX_SIDE + 1, 1).save(&file).expect("saved");
-        // Keeps the header and the beginning of the pixel data.
-        let whole = std::fs::read(&file).expect("read");
+        // The header and the beginning of the pixel data.
+        let whole = png(image::GrayImage::new(MAX_SIDE + 1, 1));
         std::fs::write(&file, &whole[..60]).expect("room");
         let error = decode(&file).expect_err("too wide").to_string();
         assert!(error.contains("65536x1 pixels") && error.contains("at most 65535 a side"), "{error}");

@@ -9,4 +9,6 @@ pub(crate) mod photo;
 pub mod photograph;
 pub mod rgb;
 pub(crate) mod scale;
+#[cfg(test)]
+pub(crate) mod testing;
 pub(crate) mod thumbnail;

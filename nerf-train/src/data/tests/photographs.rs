@@ -1,6 +1,7 @@
 //! Tests of COLMAP models with their photographs: valid, damaged and odd ones.
 
 use super::*;
+use crate::data::pictures::testing::png;
 use glam::{DQuat, DVec3, Quat};
 use image::{Rgb, RgbImage};
 use nerf_core::camera::Projection;
@@ -118,7 +119,7 @@ fn put(folder: &Path, name: &str, bytes: Vec<u8>) {
 fn grey(path: &Path, (width, height): (u32, u32), value: u8) {
     std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
     let picture = RgbImage::from_pixel(width, height, Rgb([value; 3]));
-    picture.save_with_format(path, image::ImageFormat::Png).expect("saved");
+    std::fs::write(path, png(picture)).expect("written");
 }
 
 /// Folder with the binary model `made` in `sparse/0`, and its photographs in `images`.

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::data::Downscale;
-use image::{DynamicImage, ImageFormat, Luma, Rgb, RgbImage};
+use crate::data::pictures::testing::{jpeg, png};
+use image::{DynamicImage, Luma, Rgb, RgbImage};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -24,7 +25,7 @@ fn write(folder: &TempDir, names: &[&str], extra: &Value) -> PathBuf {
 fn save(folder: &TempDir, name: &str, image: impl Into<DynamicImage>) {
     let path = folder.path().join(name);
     std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
-    image.into().save_with_format(path, ImageFormat::Png).expect("saved");
+    std::fs::write(path, png(image)).expect("written");
 }
 
 /// Picture whose columns have the values 0, 10, 20…
@@ -195,7 +196,7 @@ fn heic_is_refused_with_what_to_do() {
 fn a_cut_photograph_among_good_ones_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     for name in ["a.jpg", "b.jpg", "c.jpg"] {
-        ramp(8, 4).save_with_format(folder.path().join(name), ImageFormat::Jpeg).expect("saved");
+        std::fs::write(folder.path().join(name), jpeg(ramp(8, 4))).expect("written");
     }
     let path = write(&folder, &["a.jpg", "b.jpg", "c.jpg"], &json!({}));
     let whole = std::fs::read(folder.path().join("b.jpg")).expect("read");

@@ -1,6 +1,7 @@
 //! Tests of shared cameras (one camera for each device) on models with one camera for each photograph.
 
 use super::*;
+use crate::data::pictures::testing::png;
 use crate::data::{Cameras, Downscale, Layout, cameras_in_name};
 use crate::tools::data;
 use glam::{DQuat, DVec3, EulerRot};
@@ -23,9 +24,8 @@ fn write_model(folder: &Path, second: f64, moved: DVec3) {
     for i in 0..12 {
         let turned = i % 3 == 2;
         let (width, height) = if turned { (SIZE.1, SIZE.0) } else { SIZE };
-        image::RgbImage::from_pixel(width, height, image::Rgb([20 * i as u8; 3]))
-            .save(folder.join(format!("images/{i:02}.png")))
-            .expect("a picture");
+        let picture = png(image::RgbImage::from_pixel(width, height, image::Rgb([20 * i as u8; 3])));
+        std::fs::write(folder.join(format!("images/{i:02}.png")), picture).expect("a picture");
         let true_focal = if i < 6 { FOCAL } else { second * FOCAL };
         let quarter = if turned { 0.5 * std::f64::consts::PI } else { 0.0 };
         let tilt = 0.2 + 0.1 * (i % 4) as f64;

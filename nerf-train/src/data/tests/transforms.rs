@@ -1,5 +1,6 @@
 use super::*;
-use image::{DynamicImage, ImageFormat};
+use crate::data::pictures::testing::{jpeg, png};
+use image::DynamicImage;
 use nerf_core::camera::Projection;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -17,7 +18,7 @@ fn folder(count: usize) -> TempDir {
 
 fn picture(folder: &TempDir, name: &str, width: u32, height: u32, grey: u8) {
     let picture = image::RgbImage::from_pixel(width, height, image::Rgb([grey; 3]));
-    picture.save_with_format(folder.path().join(name), ImageFormat::Png).expect("save");
+    std::fs::write(folder.path().join(name), png(picture)).expect("written");
 }
 
 fn frames(count: usize) -> Vec<Value> {
@@ -213,9 +214,8 @@ fn every_kind_of_picture_is_read() {
     let pose = matrix(&orbit(1, 4.0, Vec3::ZERO)[0]);
     let mut list = Vec::new();
     for (name, picture) in kinds {
-        let format = if name == "jpg" { ImageFormat::Jpeg } else { ImageFormat::Png };
-        let file = format!("images/{name}.{}", if name == "jpg" { "jpg" } else { "png" });
-        picture.save_with_format(folder.path().join(&file), format).expect("save");
+        let (ending, bytes) = if name == "jpg" { ("jpg", jpeg(picture)) } else { ("png", png(picture)) };
+        std::fs::write(folder.path().join(format!("images/{name}.{ending}")), bytes).expect("written");
         list.push(json!({ "file_path": format!("images/{name}"), "transform_matrix": pose }));
     }
     write(&folder, "transforms_train.json", &json!({ "camera_angle_x": 1.0, "frames": list }));

@@ -2,6 +2,7 @@
 //! paths.
 
 use super::*;
+use crate::data::pictures::testing::png;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -180,7 +181,7 @@ fn alpha_in_only_some_photographs_is_said() {
     let save = |name: &str, alpha: u8| {
         let (width, height) = STORED;
         let picture = image::RgbaImage::from_pixel(width, height, image::Rgba([9, 9, 9, alpha]));
-        picture.save_with_format(folder.path().join(name), image::ImageFormat::Png).expect("saved");
+        std::fs::write(folder.path().join(name), png(picture)).expect("written");
     };
     let said = || read_plain(&path).expect("a data set").warnings.join("\n");
     assert!(!said().contains("alpha"));

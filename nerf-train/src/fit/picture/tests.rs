@@ -1,12 +1,13 @@
 use super::*;
 use crate::data::pictures::decode::DecodeError;
 use crate::data::pictures::rgb::Picture;
+use crate::data::pictures::testing::{jpeg, png};
 use crate::fit::snapshot::SnapshotOptions;
 use crate::measure::metrics::psnr_db;
 use crate::model::picture_config::FieldPreset;
 use crate::system::progress::ProgressStyle;
 use crate::train::schedule::Clock;
-use image::{DynamicImage, ImageBuffer, ImageFormat, Luma, Rgb, Rgba};
+use image::{DynamicImage, ImageBuffer, Luma, Rgb, Rgba};
 use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::encoding::MAX_GRID_RESOLUTION;
@@ -16,7 +17,7 @@ use tempfile::TempDir;
 fn saved(image: impl Into<DynamicImage>, name: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join(name);
-    image.into().save(&file).unwrap();
+    std::fs::write(&file, png(image)).unwrap();
     (folder, file)
 }
 
@@ -46,9 +47,7 @@ fn transparent_parts_show_the_background() {
 fn the_format_is_told_from_the_content() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("jpeg_named.png");
-    DynamicImage::from(ImageBuffer::from_pixel(8, 8, Rgb([255u8, 255, 255])))
-        .save_with_format(&file, ImageFormat::Jpeg)
-        .unwrap();
+    std::fs::write(&file, jpeg(ImageBuffer::from_pixel(8, 8, Rgb([255u8, 255, 255])))).unwrap();
     assert_eq!(read(&file).unwrap().size(), [8, 8]);
 }
 
@@ -56,10 +55,7 @@ fn the_format_is_told_from_the_content() {
 fn an_exif_orientation_turns_the_picture_upright() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("turned.jpg");
-    let mut jpeg = std::io::Cursor::new(Vec::new());
-    DynamicImage::from(ImageBuffer::from_pixel(16, 8, Rgb([9u8, 9, 9])))
-        .write_to(&mut jpeg, ImageFormat::Jpeg)
-        .unwrap();
+    let mut bytes = jpeg(ImageBuffer::from_pixel(16, 8, Rgb([9u8, 9, 9])));
     // A minimal EXIF segment behind the start marker: orientation 6, "turn right by 90 degrees".
     let tiff = [
         b"II*\0\x08\0\0\0\x01\0".as_slice(),   // little-endian, one entry at byte 8
@@ -67,7 +63,6 @@ fn an_exif_orientation_turns_the_picture_upright() {
         b"\0\0\0\0",
     ]
     .concat();
-    let mut bytes = jpeg.into_inner();
     let mut segment = vec![0xff, 0xe1];
     segment.extend(((2 + 6 + tiff.len()) as u16).to_be_bytes());
     segment.extend(b"Exif\0\0");
@@ -96,13 +91,7 @@ fn a_wrong_file_is_named_with_what_was_found() {
         std::fs::write(&file, bytes).unwrap();
         file
     };
-    let png = {
-        let mut png = std::io::Cursor::new(Vec::new());
-        DynamicImage::from(ImageBuffer::from_pixel(40, 40, Rgb([1u8, 2, 3])))
-            .write_to(&mut png, ImageFormat::Png)
-            .unwrap();
-        png.into_inner()
-    };
+    let png = png(ImageBuffer::from_pixel(40, 40, Rgb([1u8, 2, 3])));
     let missing = folder.path().join("missing.png");
     let error = |file: &Path| read(file).unwrap_err().downcast().expect("a fault of a picture");
     assert!(matches!(error(&missing), DecodeError::Read { .. }));
@@ -112,10 +101,7 @@ fn a_wrong_file_is_named_with_what_was_found() {
     assert!(matches!(error(&at("half.png", &png[..png.len() / 2])), DecodeError::Damaged { .. }));
     // Most decoders fill the missing part of a truncated JPEG with grey, without an error.
     let noise = |x: u32, y: u32| Rgb([((x * 37) ^ (y * 91)) as u8, (x * y) as u8, (x ^ y) as u8]);
-    let mut jpeg = std::io::Cursor::new(Vec::new());
-    let picture = DynamicImage::from(ImageBuffer::from_fn(64, 64, noise));
-    picture.write_to(&mut jpeg, ImageFormat::Jpeg).unwrap();
-    let jpeg = jpeg.into_inner();
+    let jpeg = jpeg(ImageBuffer::from_fn(64, 64, noise));
     assert!(read(&at("whole.jpg", &jpeg)).is_ok());
     let half = at("half.jpg", &jpeg[..jpeg.len() / 2]);
     assert!(matches!(error(&half), DecodeError::Damaged { .. }));

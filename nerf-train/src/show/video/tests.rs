@@ -125,8 +125,7 @@ fn the_last_messages_are_shown() {
 #[cfg(unix)]
 #[test]
 fn an_ffmpeg_that_hangs_is_ended_after_a_stated_time() {
-    let folder = tempfile::tempdir().unwrap();
-    let (path, frame) = (folder.path().join("a.mp4"), ball(400, 400, 0));
+    let frame = ball(400, 400, 0);
     // Four scripts: ffmpeg reads nothing; a program that it started reads nothing; ffmpeg reads all and writes nothing;
     // it writes some. The last two get the time that a shell takes to start on a busy machine.
     let place = "for place; do :; done; place=${place#file:}";
@@ -136,16 +135,24 @@ fn an_ffmpeg_that_hangs_is_ended_after_a_stated_time() {
         ("cat > /dev/null; sleep 1000", 3000, "wrote nothing after its last frame, and did not end, for 3"),
         (&*format!("{place}; echo busy >&2; cat > \"$place\"; sleep 1000"), 3000, "busy"),
     ];
-    for (body, patience, words) in cases {
+    let check = |(body, patience, words): (&str, u64, &str)| {
+        let folder = tempfile::tempdir().unwrap();
         let ffmpeg = Ffmpeg { patience: Duration::from_millis(patience), ..fake(folder.path(), body) };
-        let mut mp4 = Mp4Writer::create(&ffmpeg, &path, 400, 400, 10.0).unwrap();
+        let mut mp4 = Mp4Writer::create(&ffmpeg, folder.path().join("a.mp4"), 400, 400, 10.0).unwrap();
         let begun = Instant::now();
         let pushed = (0..4).try_for_each(|_| mp4.push(&frame));
         let error = pushed.and_then(|()| mp4.finish()).unwrap_err().to_string();
         assert!(error.contains(words) && error.contains("a.mp4"), "{body}: {error}");
         assert!(begun.elapsed() < Duration::from_secs(60), "{body}: {:?}", begun.elapsed());
         assert_eq!(names(folder.path()), ["fake-ffmpeg"], "{body}");
-    }
+    };
+    // Beside each other, since each of them waits.
+    std::thread::scope(|scope| {
+        for case in cases {
+            let check = &check;
+            scope.spawn(move || check(case));
+        }
+    });
 }
 
 #[cfg(unix)]

@@ -15,6 +15,7 @@ use half::f16;
 use nerf_core::encoding::{AngleScale, DirectionEncoding, PositionEncoding, SinusoidalEncoding};
 use nerf_core::network::Shading;
 use nerf_core::space::Contraction;
+use rayon::prelude::*;
 
 /// Returns a box with unequal sides that is not centred at 0.
 fn bounds() -> SceneBox {
@@ -250,11 +251,12 @@ fn worst_of_differences(name: &str, model: &Model, engine: &mut GridEngine, batc
         let largest = f64::from(found[order[0]].abs());
         assert!(largest > 1e-7, "{name}: no gradient in {group:?}");
         let spread = (0..8).map(|i| group.start + i * (group.len() - 1) / 7);
-        for index in order[..8.min(order.len())].iter().copied().chain(spread) {
+        let places: Vec<usize> = order[..8.min(order.len())].iter().copied().chain(spread).collect();
+        let error = |&index: &usize| {
             let (expected, bend) = difference(model, &p, batch, index);
-            let error = ((expected - f64::from(found[index])).abs() - bend).max(0.0);
-            worst = worse(worst, error / largest);
-        }
+            ((expected - f64::from(found[index])).abs() - bend).max(0.0) / largest
+        };
+        worst = places.par_iter().map(error).collect::<Vec<f64>>().into_iter().fold(worst, worse);
     }
     worst
 }
