@@ -100,7 +100,7 @@ pub fn sanitized_program(sanitizer: Sanitizer, language: Language, source: &Path
     let mut command = Command::new("cargo");
     // With this crate, so that the core has the features of the tests that `.ci/run` builds under the sanitizer.
     command.args(["build", "--offline", "--lib", "--target", host]);
-    command.args(["-p", "nerf-render-ffi", "-p", "nerf-tests"]);
+    command.args(["-p", "nerf-render-ffi", "-p", "nerf-testing"]);
     command.current_dir(paths::workspace()).env("RUSTC_BOOTSTRAP", "1");
     let allowed = if runtime == "tsan" { " -Cunsafe-allow-abi-mismatch=sanitizer" } else { "" };
     command.env("RUSTFLAGS", format!("-Zsanitizer={name}{allowed}"));

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 /// Returns the root folder of the workspace.
 pub fn workspace() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("tests/ lies in the workspace").to_path_buf()
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    folder.ancestors().nth(2).expect("tests/src/ lies in the workspace").to_path_buf()
 }
 
 /// Returns the path of the generated header.

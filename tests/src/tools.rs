@@ -92,7 +92,7 @@ pub fn there_is(what: &str, found: bool) -> bool {
 /// # Panics
 /// If the path is missing and the environment variable `CI` is set.
 pub fn data(name: &str) -> Option<PathBuf> {
-    let beside = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let beside = || workspace().with_file_name("shared").join("data");
     let root = std::env::var_os("NERF_DATA").map_or_else(beside, PathBuf::from);
     let path = root.join(name);
     if !path.exists() {
@@ -101,6 +101,12 @@ pub fn data(name: &str) -> Option<PathBuf> {
         return None;
     }
     Some(path)
+}
+
+/// Returns the workspace's folder. Several packages compile this file.
+fn workspace() -> &'static Path {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    own.ancestors().find(|folder| folder.join("Cargo.lock").exists()).unwrap_or(own)
 }
 
 fn leave_out(missing: &str, untested: &str) {

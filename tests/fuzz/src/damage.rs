@@ -9,7 +9,7 @@ use nerf_core::encoding::{
     AngleScale, DirectionEncoding, GridEncoding, PositionEncoding, SinusoidalEncoding,
 };
 use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
-use nerf_tests::scenes::{self, Recipe};
+use nerf_testing::scenes::{self, Recipe};
 
 use crate::values::{any_f32, any_vec3};
 

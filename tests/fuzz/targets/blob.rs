@@ -13,7 +13,7 @@ use nerf_core::render::{Counters, Rect, RenderError, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_fuzz::damage::{RECIPES, body_of, edit, fix_header};
 use nerf_fuzz::laws::check_pixel;
-use nerf_tests::scenes;
+use nerf_testing::scenes;
 
 /// Multiply-adds one input may cost: what is dearer is drawn with fewer samples, or not at all.
 const MAX_MACS: u64 = 30_000_000;

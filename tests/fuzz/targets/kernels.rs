@@ -17,9 +17,9 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Renderer};
 use nerf_fuzz::damage::{blob_of, body_of};
 use nerf_fuzz::values::any_f32;
-use nerf_tests::oracle::encoding::encode;
-use nerf_tests::oracle::network::{f16, sigmoid, softplus};
-use nerf_tests::scenes::{Recipe, kernels};
+use nerf_testing::oracle::encoding::encode;
+use nerf_testing::oracle::network::{f16, sigmoid, softplus};
+use nerf_testing::scenes::{Recipe, kernels};
 use std::sync::LazyLock;
 
 static BASE: LazyLock<Vec<u8>> = LazyLock::new(|| Recipe { occupancy: None, ..Recipe::TINY }.blob());

@@ -34,3 +34,18 @@ pub fn encode(x: &[f64], levels: u8, pi: bool, identity: bool) -> Vec<f64> {
     }
     out
 }
+
+/// Returns the largest difference of `found`, the encodings `[outputs][n]` of `n` points, from the encodings `truth` of
+/// these points, with its output and its point. NaN counts as the largest.
+pub fn furthest(found: &[f32], truth: &[Vec<f64>]) -> (f64, usize, usize) {
+    let mut furthest = (0.0f64, 0, 0);
+    for (output, values) in found.chunks_exact(truth.len()).enumerate() {
+        for (point, &value) in values.iter().enumerate() {
+            let error = (f64::from(value) - truth[point][output]).abs();
+            if error > furthest.0 || (error.is_nan() && !furthest.0.is_nan()) {
+                furthest = (error, output, point);
+            }
+        }
+    }
+    furthest
+}

@@ -8,6 +8,7 @@ pub mod contraction;
 pub mod encoding;
 pub mod gradient;
 pub mod grid;
+pub mod lens;
 pub mod network;
 pub mod sampling;
 pub mod volume;

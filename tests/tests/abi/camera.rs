@@ -2,8 +2,8 @@
 
 use nerf_core::camera::{Camera, Lens, Pose, Projection};
 use nerf_render::{self as ffi, Status};
-use nerf_tests::call::{self, Message};
-use nerf_tests::scenes;
+use nerf_testing::call::{self, Message};
+use nerf_testing::scenes;
 use std::ptr::{null, null_mut};
 
 fn look_at(camera: &mut ffi::Camera, eye: &[f32; 3], target: &[f32; 3], up: &[f32; 3]) -> (Status, String) {

@@ -8,9 +8,9 @@ use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
-use nerf_tests::call::{self, Message, Opened, plane};
-use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{Recipe, camera};
+use nerf_testing::call::{self, Message, Opened, plane};
+use nerf_testing::memory::Guarded;
+use nerf_testing::scenes::{Recipe, camera};
 use std::ptr::{null, null_mut};
 
 const SIDE: u32 = 18;

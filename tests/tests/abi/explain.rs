@@ -3,9 +3,9 @@
 use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::Status;
-use nerf_tests::call::{self, Message, Opened};
-use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::Recipe;
+use nerf_testing::call::{self, Message, Opened};
+use nerf_testing::memory::Guarded;
+use nerf_testing::scenes::Recipe;
 use std::ptr::{null, null_mut};
 
 const RGB: u32 = ffi::NERF_OUTPUT_RGB;

@@ -3,9 +3,9 @@
 use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::Status;
-use nerf_tests::call::{self, Message, plane};
-use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, camera, kernels};
+use nerf_testing::call::{self, Message, plane};
+use nerf_testing::paths;
+use nerf_testing::scenes::{Recipe, camera, kernels};
 use std::ffi::{CString, OsStr};
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
@@ -32,7 +32,7 @@ fn picture(scene: *const ffi::Scene) -> Vec<[f32; 3]> {
     let status =
         unsafe { call::worker_size(scene, null(), ffi::NERF_OUTPUT_RGB, &mut size, &mut align, none, 0) };
     assert_eq!(status, Status::Ok);
-    let mut workspace = nerf_tests::memory::Guarded::new(size, 0);
+    let mut workspace = nerf_testing::memory::Guarded::new(size, 0);
     // SAFETY: as above.
     let status = unsafe { call::frame(scene, &camera, &target, workspace.at(), size) };
     assert_eq!(status, Status::Ok);

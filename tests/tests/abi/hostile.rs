@@ -3,9 +3,9 @@
 use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
-use nerf_tests::call::{self, Opened, plane};
-use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{Recipe, camera, kernels};
+use nerf_testing::call::{self, Opened, plane};
+use nerf_testing::memory::Guarded;
+use nerf_testing::scenes::{Recipe, camera, kernels};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 

@@ -3,10 +3,10 @@
 use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
-use nerf_tests::call::{self, Message, Opened, plane};
-use nerf_tests::memory::Guarded;
-use nerf_tests::noise;
-use nerf_tests::scenes::{self, Recipe};
+use nerf_testing::call::{self, Message, Opened, plane};
+use nerf_testing::memory::Guarded;
+use nerf_testing::noise;
+use nerf_testing::scenes::{self, Recipe};
 use std::collections::BTreeSet;
 use std::ptr::null_mut;
 

@@ -4,9 +4,9 @@ use nerf_core::Kernel;
 use nerf_core::blob::Blob;
 use nerf_core::plan::{Preset, Quality};
 use nerf_render::{self as ffi, Status};
-use nerf_tests::call::{self, Message, Opened};
-use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{self, Recipe};
+use nerf_testing::call::{self, Message, Opened};
+use nerf_testing::memory::Guarded;
+use nerf_testing::scenes::{self, Recipe};
 use std::ffi::c_void;
 use std::ptr;
 

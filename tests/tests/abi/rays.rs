@@ -5,9 +5,9 @@ use nerf_core::Kernel;
 use nerf_core::camera;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
-use nerf_tests::call::{self, Message, NO_PLANE, Opened, plane};
-use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{self, Recipe};
+use nerf_testing::call::{self, Message, NO_PLANE, Opened, plane};
+use nerf_testing::memory::Guarded;
+use nerf_testing::scenes::{self, Recipe};
 use std::ptr::{null, null_mut};
 
 const SIDE: u32 = 20;

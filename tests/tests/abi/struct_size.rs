@@ -4,9 +4,9 @@
 use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{NERF_OUTPUT_RGB, Status};
-use nerf_tests::call::{self, Opened};
-use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{self, Recipe};
+use nerf_testing::call::{self, Opened};
+use nerf_testing::memory::Guarded;
+use nerf_testing::scenes::{self, Recipe};
 use std::ffi::c_void;
 use std::marker::PhantomData;
 use std::mem::offset_of;

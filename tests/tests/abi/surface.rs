@@ -8,8 +8,8 @@ use nerf_core::render::{Counters, Rect, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
-use nerf_tests::call::{self, Message, NO_PLANE, Opened, plane};
-use nerf_tests::scenes::{Recipe, camera, kernels};
+use nerf_testing::call::{self, Message, NO_PLANE, Opened, plane};
+use nerf_testing::scenes::{Recipe, camera, kernels};
 use std::mem::offset_of;
 use std::ptr::{null, null_mut};
 

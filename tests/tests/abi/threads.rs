@@ -3,8 +3,8 @@
 use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
-use nerf_tests::call::{self, NO_PLANE, Opened, plane};
-use nerf_tests::scenes::{Recipe, camera, kernels};
+use nerf_testing::call::{self, NO_PLANE, Opened, plane};
+use nerf_testing::scenes::{Recipe, camera, kernels};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 use std::sync::atomic::{AtomicU32, Ordering};

@@ -4,9 +4,9 @@ use nerf_core::Kernel;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
-use nerf_tests::call::{self, Message, Opened, plane};
-use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::Recipe;
+use nerf_testing::call::{self, Message, Opened, plane};
+use nerf_testing::memory::Guarded;
+use nerf_testing::scenes::Recipe;
 use std::ptr::{null, null_mut};
 
 const SIDE: u32 = 20;

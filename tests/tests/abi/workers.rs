@@ -3,9 +3,9 @@
 use nerf_core::Kernel;
 use nerf_render as ffi;
 use nerf_render::{PixelFormat, Status};
-use nerf_tests::call::{self, Message, plane};
-use nerf_tests::memory::Guarded;
-use nerf_tests::scenes::{self, Recipe};
+use nerf_testing::call::{self, Message, plane};
+use nerf_testing::memory::Guarded;
+use nerf_testing::scenes::{self, Recipe};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 

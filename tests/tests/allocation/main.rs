@@ -12,7 +12,7 @@ use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Effects, Jitter, Outputs, Plan, Quality, ThinLens, Tone, ToneMap};
 use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
-use nerf_tests::scenes::{Recipe, camera, kernels};
+use nerf_testing::scenes::{Recipe, camera, kernels};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::sync::atomic::{AtomicIsize, Ordering};

@@ -14,9 +14,9 @@
 //! nerf-tests --test hosts baseline`.
 #![cfg(all(target_arch = "x86_64", target_os = "linux"))]
 
-use nerf_tests::build::run;
-use nerf_tests::symbols::without_comments;
-use nerf_tests::{paths, tools};
+use nerf_testing::build::run;
+use nerf_testing::symbols::without_comments;
+use nerf_testing::{paths, tools};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -7,9 +7,9 @@ use nerf_core::math::MathBackend;
 use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
-use nerf_tests::build::{Language, program, run};
-use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, kernels, picture};
+use nerf_testing::build::{Language, program, run};
+use nerf_testing::paths;
+use nerf_testing::scenes::{Recipe, kernels, picture};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

@@ -1,10 +1,10 @@
 //! The web element from its npm package, in pages that contain only its tag.
 
 use super::web::{Server, build_page};
-use nerf_tests::browser::{chromium, document, noted};
-use nerf_tests::scenes::Recipe;
-use nerf_tests::tools::all_here;
-use nerf_tests::{build, paths};
+use nerf_testing::browser::{chromium, document, noted};
+use nerf_testing::scenes::Recipe;
+use nerf_testing::tools::all_here;
+use nerf_testing::{build, paths};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

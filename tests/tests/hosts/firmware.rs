@@ -1,10 +1,10 @@
 //! The firmware example: an emulated microcontroller renders the host's image, within limits of memory and code size.
 
 use nerf_core::memory::Line;
-use nerf_tests::build::run;
-use nerf_tests::paths;
-use nerf_tests::scenes::Recipe;
-use nerf_tests::tools::all_here;
+use nerf_testing::build::run;
+use nerf_testing::paths;
+use nerf_testing::scenes::Recipe;
+use nerf_testing::tools::all_here;
 use std::process::Command;
 
 #[allow(dead_code, reason = "shared with the firmware, which shows the picture")]

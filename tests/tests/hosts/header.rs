@@ -2,7 +2,7 @@
 //! library.
 #![allow(unsafe_code, reason = "tests call the C interface")]
 
-use nerf_tests::{build, paths, symbols};
+use nerf_testing::{build, paths, symbols};
 
 fn generated() -> String {
     let ffi = paths::workspace().join("nerf-render-ffi");

@@ -8,10 +8,10 @@ use nerf_core::plan::{Batch, Outputs, Plan, Preset, Quality};
 use nerf_core::render::{RaySegment, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_core::{Isa, Kernel, Storage};
-use nerf_tests::build::{libraries, run};
-use nerf_tests::paths;
-use nerf_tests::scenes::Recipe;
-use nerf_tests::tools::{all_here, there_is};
+use nerf_testing::build::{libraries, run};
+use nerf_testing::paths;
+use nerf_testing::scenes::Recipe;
+use nerf_testing::tools::{all_here, there_is};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

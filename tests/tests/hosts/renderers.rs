@@ -1,10 +1,10 @@
 //! Example renderers that render a field together with their own surfaces: a ray tracer, a path tracer, a rasteriser,
 //! one with Embree, and one with OpenMP threads.
 
-use nerf_tests::build::{Language, program, run};
-use nerf_tests::paths;
-use nerf_tests::scenes::Recipe;
-use nerf_tests::tools::there_is;
+use nerf_testing::build::{Language, program, run};
+use nerf_testing::paths;
+use nerf_testing::scenes::Recipe;
+use nerf_testing::tools::there_is;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 

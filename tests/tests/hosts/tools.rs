@@ -1,6 +1,6 @@
 //! Missing tools are reported once, listed for `.ci/run`, and are an error in CI.
 
-use nerf_tests::{paths, tools};
+use nerf_testing::{paths, tools};
 use std::process::{Command, Output};
 
 /// Helper that the test below runs, with an empty `PATH`.

@@ -6,10 +6,10 @@
 //! synchronisation inside the standard library. The library uses none: a scene never changes, and the one atomic, which
 //! caches the features of the CPU, is in the library's own code.
 
-use nerf_tests::build::{self, Language, Sanitizer, sanitized_program};
-use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, kernels};
-use nerf_tests::tools::{all_here, there_is};
+use nerf_testing::build::{self, Language, Sanitizer, sanitized_program};
+use nerf_testing::paths;
+use nerf_testing::scenes::{Recipe, kernels};
+use nerf_testing::tools::{all_here, there_is};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 

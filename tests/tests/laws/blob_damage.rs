@@ -10,7 +10,7 @@ use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
-use nerf_tests::scenes::{Recipe, camera};
+use nerf_testing::scenes::{Recipe, camera};
 
 /// Scenes and 2D fields that are small enough to damage every byte.
 const BLOBS: [Recipe; 4] = [Recipe::TINY, Recipe::TINY_PROPOSAL, Recipe::TINY_PICTURE, TINY_CODED];

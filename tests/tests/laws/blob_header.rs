@@ -3,7 +3,7 @@
 
 use crate::blob_damage::fix_checksum;
 use nerf_core::blob::{Blob, BlobError, FORMAT_VERSION, HEADER_LEN, MAGIC};
-use nerf_tests::scenes::Recipe;
+use nerf_testing::scenes::Recipe;
 use proptest::prelude::*;
 
 /// Computes the CRC-32 (ISO-HDLC) of header and body, with the checksum field and the bytes after it set to 0.

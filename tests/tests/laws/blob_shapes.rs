@@ -3,7 +3,7 @@
 use crate::blob_damage::fix_checksum;
 use nerf_core::blob::{Blob, BlobError, HEADER_LEN, Section};
 use nerf_core::network::ArchitectureError;
-use nerf_tests::scenes::Recipe;
+use nerf_testing::scenes::Recipe;
 
 /// Returns the file of [`Recipe::TINY`] with `bytes` in place of `count` bytes of its body from `at`, and with a valid
 /// header.

@@ -1,10 +1,10 @@
 //! Work and code size of effects: an effect that is off takes no evaluation and no workspace, changes no bit of the
 //! image, and has no code in a build without its feature.
 
-use nerf_tests::build::{build_alone, run};
-use nerf_tests::paths;
-use nerf_tests::scenes::Recipe;
-use nerf_tests::tools::there_is;
+use nerf_testing::build::{build_alone, run};
+use nerf_testing::paths;
+use nerf_testing::scenes::Recipe;
+use nerf_testing::tools::there_is;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -199,7 +199,7 @@ fn compare(part: &[(&str, &[&str], &[&str])], some: &Build, none: &Build, all: &
 fn the_c_library_without_effects_has_none_of_their_code() {
     let files = without_effects();
     let without = files.iter().find(|file| file.ends_with("libnerf_render.a")).expect("a static library");
-    let with = nerf_tests::build::libraries().archive;
+    let with = nerf_testing::build::libraries().archive;
     let symbols = |library: &Path| {
         // GNU nm would hand the objects to an LTO plugin, which may be too old for their bitcode.
         let nm = Command::new("nm").args(["--plugin", "/none"]).arg(library).output().expect("nm");

@@ -15,9 +15,9 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, Renderer};
 use nerf_core::volume::Pixel;
 use nerf_core::{Isa, Kernel};
-use nerf_tests::fence::{Fenced, Flush};
-use nerf_tests::noise::noise;
-use nerf_tests::scenes::{Recipe, camera, f16_bits, kernels};
+use nerf_testing::fence::{Fenced, Flush};
+use nerf_testing::noise::noise;
+use nerf_testing::scenes::{Recipe, camera, f16_bits, kernels};
 
 const BACKENDS: [MathBackend; 4] =
     [MathBackend::Polynomial, MathBackend::Libm, MathBackend::Micromath, MathBackend::Recurrence];

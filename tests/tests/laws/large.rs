@@ -11,12 +11,12 @@ use nerf_core::plan::{Batch, Outputs, Plan, PlanError, Quality};
 use nerf_core::render::{Rect, RenderError, Renderer};
 use nerf_core::sampling::Bins;
 use nerf_core::volume::Pixel;
-use nerf_tests::error::worst_of;
-use nerf_tests::fence::{Fenced, Flush};
-use nerf_tests::oracle::network::{Network, f16};
-use nerf_tests::oracle::{sampling, volume};
-use nerf_tests::scenes::{Recipe, camera, kernels};
-use nerf_tests::tools;
+use nerf_testing::error::worst_of;
+use nerf_testing::fence::{Fenced, Flush};
+use nerf_testing::oracle::network::{Network, f16};
+use nerf_testing::oracle::{sampling, volume};
+use nerf_testing::scenes::{Recipe, camera, kernels};
+use nerf_testing::tools;
 
 /// Colour and opacity of a pixel: r, g, b, opacity.
 type Found = [f32; 4];

@@ -1,13 +1,13 @@
 //! Checks of the f64 oracle against numbers from elsewhere: worked out by hand, from the CS180 course, and from the
 //! original code.
 
-use nerf_tests::error::worse;
-use nerf_tests::oracle::encoding::{encode, sin_cos_pi};
-use nerf_tests::oracle::gradient::{derivative, gradient};
-use nerf_tests::oracle::network::{Dense, Encoding, Network, f16, sigmoid, softplus};
-use nerf_tests::oracle::sampling::{clip, inverse_cdf, middles};
-use nerf_tests::oracle::volume::composite;
-use nerf_tests::tools;
+use nerf_testing::error::worse;
+use nerf_testing::oracle::encoding::{encode, sin_cos_pi};
+use nerf_testing::oracle::gradient::{derivative, gradient};
+use nerf_testing::oracle::network::{Dense, Encoding, Network, f16, sigmoid, softplus};
+use nerf_testing::oracle::sampling::{clip, inverse_cdf, middles};
+use nerf_testing::oracle::volume::composite;
+use nerf_testing::tools;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;

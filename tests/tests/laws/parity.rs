@@ -8,8 +8,8 @@ use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Rect, Renderer, Shares};
 use nerf_core::simd::BLOCK;
 use nerf_core::volume::Pixel;
-use nerf_tests::error::worst_of;
-use nerf_tests::scenes::{Recipe, camera, kernels};
+use nerf_testing::error::worst_of;
+use nerf_testing::scenes::{Recipe, camera, kernels};
 
 const SIDE: u32 = 20;
 /// Pairs of transmittance cut and colour cut of the tested images: the defaults, none, and large cuts.

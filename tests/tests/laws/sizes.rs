@@ -12,7 +12,7 @@ use nerf_core::plan::Effects;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Rect, RenderError, Renderer};
 use nerf_core::volume::Pixel;
-use nerf_tests::scenes::{Recipe, camera, kernels};
+use nerf_testing::scenes::{Recipe, camera, kernels};
 use proptest::prelude::*;
 
 /// Draws networks of all shapes within the format's limits, the largest included.
@@ -172,7 +172,7 @@ fn workspaces_up_to_the_most_rays_are_those_of_few_times_as_many() {
 #[test]
 fn a_workspace_of_any_plan_is_enough_and_a_line_less_is_not() {
     let mut state = 37u64;
-    let mut pick = |n: usize| (nerf_tests::noise::next(&mut state) >> 33) as usize % n;
+    let mut pick = |n: usize| (nerf_testing::noise::next(&mut state) >> 33) as usize % n;
     for round in 0..120 {
         let recipe = recipes()[round % 5];
         let bytes = recipe.blob();

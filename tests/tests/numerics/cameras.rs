@@ -4,8 +4,9 @@ use crate::geometry::somewhere;
 use crate::table::{Row, Worst, cases};
 use glam::{Mat3, Vec3};
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens, Pose, Ray};
-use nerf_tests::error::worst_of;
-use nerf_tests::noise::signed_f64;
+use nerf_testing::error::worst_of;
+use nerf_testing::noise::signed_f64;
+use nerf_testing::oracle::lens;
 
 cases! {
     rays_are_of_unit_length: "error of the length over images from 1x1 to 65535x65535" => unit_rays;
@@ -85,7 +86,7 @@ fn lenses() -> Vec<Row> {
             let (x, y) = (0.8 * signed_f64(&mut state), 0.8 * signed_f64(&mut state));
             // None of them folds within what is asked for: each point has an answer.
             let (u, v) = lens.undistort(x as f32, y as f32).unwrap_or((f32::NAN, f32::NAN));
-            let (found, _) = seen_at(&lens, f64::from(u), f64::from(v));
+            let (found, _) = lens::distort(coefficients(&lens), f64::from(u), f64::from(v));
             let (x, y) = (f64::from(x as f32), f64::from(y as f32));
             let off = (found[0] - x).hypot(found[1] - y) / x.hypot(y).max(1.0);
             worst.see(off, || format!("({x:.4}, {y:.4}) of {lens:?}"));
@@ -146,20 +147,8 @@ fn from_rotation(rotation: &Mat3) -> (f64, f64) {
     (worst_of(entries), dot(cross(c[0], c[1]), c[2]))
 }
 
-/// Returns the image point of the ideal point `(u, v)` in OpenCV's model, and the determinant of the model's
-/// derivative.
-fn seen_at(lens: &Lens, u: f64, v: f64) -> ([f64; 2], f64) {
-    let [k1, k2, p1, p2] = [lens.k1, lens.k2, lens.p1, lens.p2].map(f64::from);
-    let r2 = u * u + v * v;
-    let (radial, slope) = (1.0 + k1 * r2 + k2 * r2 * r2, 2.0 * k1 + 4.0 * k2 * r2);
-    let seen = [
-        u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u),
-        v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v,
-    ];
-    let cross = u * v * slope + 2.0 * p1 * u + 2.0 * p2 * v;
-    let right = radial + u * u * slope + 2.0 * p1 * v + 6.0 * p2 * u;
-    let down = radial + v * v * slope + 6.0 * p1 * v + 2.0 * p2 * u;
-    (seen, right * down - cross * cross)
+fn coefficients(lens: &Lens) -> [f64; 4] {
+    [lens.k1, lens.k2, lens.p1, lens.p2].map(f64::from)
 }
 
 /// Calls `see` for random image points of cameras with lenses from none to extreme and images of every shape, if the
@@ -200,7 +189,7 @@ fn each_lens(mut see: impl FnMut(&Camera, [f64; 2], [f64; 2])) {
 fn extreme() -> Vec<Row> {
     let mut worst = Worst::default();
     each_lens(|camera, wanted, ideal| {
-        let (seen, _) = seen_at(camera.lens(), ideal[0], ideal[1]);
+        let (seen, _) = lens::distort(coefficients(camera.lens()), ideal[0], ideal[1]);
         let scale = wanted.iter().chain(&ideal).fold(1.0, |most: f64, x| most.max(x.abs()));
         let off = (seen[0] - wanted[0]).hypot(seen[1] - wanted[1]) / scale;
         worst.see(off, || format!("({:.4}, {:.4}) of {:?}", wanted[0], wanted[1], camera.lens()));
@@ -215,11 +204,7 @@ fn folds() -> Vec<Row> {
     let (mut behind, mut all, mut at) = (0, 0, String::new());
     each_lens(|camera, wanted, ideal| {
         all += 1;
-        let turns = |step: i32| {
-            let s = f64::from(step) / 256.0;
-            seen_at(camera.lens(), s * ideal[0], s * ideal[1]).1 <= 0.0
-        };
-        if (1..=256).any(turns) {
+        if lens::folds_on_the_way(coefficients(camera.lens()), ideal) {
             behind += 1;
             at = format!(
                 "({:.4}, {:.4}) of {:?}, {:?}",
@@ -242,7 +227,7 @@ fn sound() -> Vec<Row> {
         let lens = Lens { k1, k2, ..Lens::NONE };
         let corner = 0.2 + 0.8 * (1.0 + signed_f64(&mut state));
         let slope = |r: f64| 1.0 + r * r * (3.0 * f64::from(k1) + 5.0 * f64::from(k2) * r * r);
-        let ([seen, _], _) = seen_at(&lens, corner, 0.0);
+        let ([seen, _], _) = lens::distort(coefficients(&lens), corner, 0.0);
         if (1..=256).any(|step| slope(f64::from(step) / 256.0 * corner.max(seen)) < 0.05) {
             continue;
         }

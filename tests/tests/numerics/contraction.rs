@@ -6,8 +6,8 @@ use glam::Vec3;
 use nerf_core::Isa;
 use nerf_core::simd::{Lanes, Op};
 use nerf_core::space::Contraction;
-use nerf_tests::noise::signed_f64;
-use nerf_tests::oracle::contraction as oracle;
+use nerf_testing::noise::signed_f64;
+use nerf_testing::oracle::contraction as oracle;
 
 cases! {
     points_are_contracted: "error over the largest coordinate of the scene box, up to 1e6 radii away" => contracted;

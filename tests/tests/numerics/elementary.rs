@@ -2,8 +2,8 @@
 
 use crate::table::{BACKENDS, Row, Worst, cases, isas};
 use nerf_core::math::{Elementary, MathBackend};
-use nerf_tests::oracle::encoding::sin_cos_pi;
-use nerf_tests::oracle::network::{sigmoid, softplus};
+use nerf_testing::oracle::encoding::sin_cos_pi;
+use nerf_testing::oracle::network::{sigmoid, softplus};
 
 cases! {
     sin_of_pi_u_for_every_finite_u: "absolute error" =>

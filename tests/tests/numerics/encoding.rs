@@ -8,8 +8,8 @@ pub use {domain::CASES as DOMAIN, grid::CASES as GRID, laws::CASES as LAWS};
 
 use crate::table::{BACKENDS, Row, Worst, cases, isas};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding, encode_block};
-use nerf_tests::noise::share;
-use nerf_tests::oracle;
+use nerf_testing::noise::share;
+use nerf_testing::oracle;
 
 /// Bound: three roundings of the largest angle among [`least`], 2^15 π 2^-126; cosines are 1.
 const TINY: f64 = 2.2e-40;
@@ -78,14 +78,9 @@ fn levels(scale: AngleScale, levels: u8, points: &[f32], bounds: [f64; 4]) -> Ve
         for (&(_, math), worst) in BACKENDS.iter().zip(&mut worst) {
             for isa in isas() {
                 encode_block(isa, math, &encoding, 64, x, &mut out);
-                for (row, values) in out.chunks_exact(64).enumerate() {
-                    for (column, &found) in values.iter().enumerate() {
-                        let error = (f64::from(found) - truth[column][row]).abs();
-                        let level = row.saturating_sub(1) / 2;
-                        let at = || format!("x = {:e}, level {level}, {}", x[column], isa.name());
-                        worst.see(error, at);
-                    }
-                }
+                let (error, row, column) = oracle::encoding::furthest(&out, &truth);
+                let level = row.saturating_sub(1) / 2;
+                worst.see(error, || format!("x = {:e}, level {level}, {}", x[column], isa.name()));
             }
         }
     }

@@ -21,10 +21,10 @@ use nerf_core::render::{Counters, Rect, Renderer};
 use nerf_core::sampling::Bins;
 use nerf_core::space::SceneBox;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel};
-use nerf_tests::error::{excess, worse};
-use nerf_tests::oracle;
-use nerf_tests::oracle::network::f16;
-use nerf_tests::scenes::{Recipe, camera, kernels};
+use nerf_testing::error::{excess, worse};
+use nerf_testing::oracle;
+use nerf_testing::oracle::network::f16;
+use nerf_testing::scenes::{Recipe, camera, kernels};
 use std::sync::OnceLock;
 
 cases! {

@@ -4,9 +4,9 @@ use crate::table::{Row, Worst, cases};
 use glam::Vec3;
 use nerf_core::camera::Ray;
 use nerf_core::space::SceneBox;
-use nerf_tests::error::excess;
-use nerf_tests::noise::signed_f64;
-use nerf_tests::oracle;
+use nerf_testing::error::excess;
+use nerf_testing::noise::signed_f64;
+use nerf_testing::oracle;
 
 cases! {
     boxes_are_entered_and_left: "error of t over 100,000 rays, hard ones among them, relative to t itself; a hit where there is none, or none where there is one, is 1" => boxes;

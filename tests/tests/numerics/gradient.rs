@@ -8,11 +8,11 @@ use nerf_core::math::MathBackend;
 use nerf_core::network::{
     Architecture, DensityActivation, GradientScratch, Network, Scratch, Shading, TrunkLayer, Weights,
 };
-use nerf_tests::error::worst_of;
-use nerf_tests::noise::signed;
-use nerf_tests::oracle;
-use nerf_tests::oracle::network::f16;
-use nerf_tests::scenes::kernels;
+use nerf_testing::error::worst_of;
+use nerf_testing::noise::signed;
+use nerf_testing::oracle;
+use nerf_testing::oracle::network::f16;
+use nerf_testing::scenes::kernels;
 
 cases! {
     gradients_of_random_networks: "error over what the gradient's terms add up to without signs" => random;

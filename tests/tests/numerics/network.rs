@@ -14,10 +14,10 @@ use nerf_core::memory::Line;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, Renderer};
 use nerf_core::{Isa, Kernel};
-use nerf_tests::error::worst_of;
-use nerf_tests::noise::signed;
-use nerf_tests::oracle::network::{Network, f16};
-use nerf_tests::scenes::{Recipe, kernels};
+use nerf_testing::error::worst_of;
+use nerf_testing::noise::signed;
+use nerf_testing::oracle::network::{Network, f16};
+use nerf_testing::scenes::{Recipe, kernels};
 
 cases! {
     densities_of_random_networks: "error of sigma, relative above 1" => || queries(0);

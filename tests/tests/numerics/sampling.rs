@@ -6,9 +6,9 @@ pub use laws::CASES as LAWS;
 
 use crate::table::{Row, Worst, cases};
 use nerf_core::sampling::{Bins, sample_pdf};
-use nerf_tests::error::worst_of;
-use nerf_tests::noise::share;
-use nerf_tests::oracle::sampling::{inverse_cdf_at, middles};
+use nerf_testing::error::worst_of;
+use nerf_testing::noise::share;
+use nerf_testing::oracle::sampling::{inverse_cdf_at, middles};
 
 cases! {
     samples_of_every_kind_of_weights: "error of the distribution function at the drawn samples, over what `draw` promises" => drawn;

@@ -2,7 +2,7 @@
 
 use nerf_core::math::MathBackend;
 use nerf_core::{Isa, Kernel};
-use nerf_tests::paths;
+use nerf_testing::paths;
 use std::sync::OnceLock;
 
 /// One line of the table.

@@ -7,9 +7,9 @@ pub use laws::CASES as LAWS;
 use crate::table::{BACKENDS, Row, Worst, cases};
 use nerf_core::math::MathBackend;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite};
-use nerf_tests::error::{excess, worse};
-use nerf_tests::noise::share;
-use nerf_tests::oracle;
+use nerf_testing::error::{excess, worse};
+use nerf_testing::noise::share;
+use nerf_testing::oracle;
 
 /// Densities and widths of bins that break volume renderers (camp_zipnerf's `render_test.py`).
 static SIZES: [f32; 7] = [0.0, 1e-30, 1e-10, 1.0, 1e10, 1e30, f32::INFINITY];

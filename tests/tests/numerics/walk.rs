@@ -7,7 +7,7 @@ use glam::Vec3;
 use nerf_core::camera::Ray;
 use nerf_core::sampling::{Bins, OccupancyGrid};
 use nerf_core::space::SceneBox;
-use nerf_tests::noise::signed_f64;
+use nerf_testing::noise::signed_f64;
 use std::cell::Cell;
 
 cases! {

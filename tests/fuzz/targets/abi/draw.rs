@@ -8,7 +8,7 @@ use crate::workers::{self, Worker};
 use arbitrary::{Result, Unstructured};
 use nerf_fuzz::values::{any_f32, mostly, rarely};
 use nerf_render::{self as ffi, Status};
-use nerf_tests::{call, scenes};
+use nerf_testing::{call, scenes};
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 

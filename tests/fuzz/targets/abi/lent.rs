@@ -3,7 +3,7 @@
 use arbitrary::{Result, Unstructured};
 use nerf_fuzz::values::rarely;
 use nerf_render::Status;
-use nerf_tests::memory::Guarded;
+use nerf_testing::memory::Guarded;
 use std::ffi::c_char;
 
 /// A call's message buffer, of any capacity.

@@ -3,7 +3,7 @@
 use arbitrary::{Result, Unstructured};
 use nerf_fuzz::values::{mostly, rarely};
 use nerf_render::{self as ffi, Status};
-use nerf_tests::memory::Guarded;
+use nerf_testing::memory::Guarded;
 
 /// A rectangle of an image of `side` pixels, or one that is not.
 pub fn rect(u: &mut Unstructured<'_>, side: [u32; 2]) -> Result<ffi::Rect> {

@@ -10,7 +10,7 @@ use crate::workers;
 use arbitrary::{Result, Unstructured};
 use nerf_fuzz::values::{any_f32, any_vec3, rarely};
 use nerf_render::{self as ffi, Status};
-use nerf_tests::call;
+use nerf_testing::call;
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 

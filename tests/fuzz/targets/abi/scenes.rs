@@ -5,8 +5,8 @@ use arbitrary::{Result, Unstructured};
 use nerf_fuzz::damage::{RECIPES, edit};
 use nerf_fuzz::values::rarely;
 use nerf_render::{self as ffi, Status};
-use nerf_tests::call;
-use nerf_tests::memory::Guarded;
+use nerf_testing::call;
+use nerf_testing::memory::Guarded;
 use std::ffi::{CString, c_void};
 use std::ptr::null;
 

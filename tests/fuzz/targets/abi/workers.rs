@@ -5,8 +5,8 @@ use crate::scenes::Host;
 use arbitrary::{Result, Unstructured};
 use nerf_fuzz::values::{any_f32, mostly, rarely};
 use nerf_render::{self as ffi, Status};
-use nerf_tests::call;
-use nerf_tests::memory::Guarded;
+use nerf_testing::call;
+use nerf_testing::memory::Guarded;
 use std::ffi::c_void;
 use std::ptr::{null, null_mut};
 

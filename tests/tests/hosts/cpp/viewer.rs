@@ -2,10 +2,10 @@
 
 use super::{WARNINGS, bytes_of, content, examples, numbers, printed_camera, read_png, reference};
 use nerf_core::plan::Outputs;
-use nerf_tests::build::{libraries, run};
-use nerf_tests::paths;
-use nerf_tests::scenes::{Recipe, kernels};
-use nerf_tests::tools::all_here;
+use nerf_testing::build::{libraries, run};
+use nerf_testing::paths;
+use nerf_testing::scenes::{Recipe, kernels};
+use nerf_testing::tools::all_here;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;

@@ -11,7 +11,7 @@ use nerf_core::memory::Line;
 use nerf_core::network::Architecture;
 use nerf_core::plan::{Batch, Outputs, Plan, Quality};
 use nerf_core::render::{Counters, RenderError, Renderer};
-use nerf_tests::scenes::{Recipe, kernels};
+use nerf_testing::scenes::{Recipe, kernels};
 
 cases! {
     boxes_that_leave_the_domain_are_refused: "scenes that are written all the same, or refused within it" => boxes;

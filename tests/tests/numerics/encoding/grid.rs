@@ -5,9 +5,9 @@ use nerf_core::Isa;
 use nerf_core::encoding::{
     GridEncoding, GridLevel, GridTables, TableValues, encode_grid_block, encode_harmonics_block,
 };
-use nerf_tests::noise::{next, share, signed};
-use nerf_tests::oracle::grid::Grid;
-use nerf_tests::oracle::network::f16;
+use nerf_testing::noise::{next, share, signed};
+use nerf_testing::oracle::grid::Grid;
+use nerf_testing::oracle::network::f16;
 
 cases! {
     grid_of_sixteen_levels_dense_and_hashed: "error of a value, over what rounding position and sum may do to it" =>

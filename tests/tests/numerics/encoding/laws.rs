@@ -5,7 +5,7 @@ use crate::table::{BACKENDS, Row, cases, isas};
 use nerf_core::Isa;
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding, encode_block};
 use nerf_core::math::MathBackend;
-use nerf_tests::error::{worse, worst_of};
+use nerf_testing::error::{worse, worst_of};
 use proptest::prelude::{Strategy, any, prop_oneof};
 use std::fmt;
 

@@ -12,7 +12,7 @@ use nerf_core::network::{Architecture, DensityActivation, Shading};
 use nerf_core::plan::Outputs;
 use nerf_core::render::Counters;
 use nerf_core::volume::Pixel;
-use nerf_tests::scenes::{f16_bits, kernels};
+use nerf_testing::scenes::{f16_bits, kernels};
 
 cases! {
     colours_of_faint_rays: "error of colour over opacity, opacities from 1e-7 up" => colours;

@@ -13,7 +13,7 @@ use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
 use nerf_core::plan::Outputs;
 use nerf_core::render::Counters;
 use nerf_core::volume::Pixel;
-use nerf_tests::scenes::kernels;
+use nerf_testing::scenes::kernels;
 
 cases! {
     infinite_densities_are_walls: "frames that are not the wall's, or that count it as no number" => || frames(0, wall);

@@ -6,7 +6,7 @@ use crate::table::{BACKENDS, Row, Worst, cases, isas};
 use nerf_core::encoding::{AngleScale, SinusoidalEncoding};
 use nerf_core::math::{Elementary, MathBackend};
 use nerf_core::network::{Architecture, DensityActivation, Shading, TrunkLayer};
-use nerf_tests::scenes::kernels;
+use nerf_testing::scenes::kernels;
 
 cases! {
     sigmoid_at_ten_thousand: "distance from 1 and 0, at infinity too" => || ends(Elementary::Sigmoid, [1.0, 1.0]);

@@ -5,7 +5,7 @@ use crate::property::law;
 use crate::table::{Row, cases};
 use nerf_core::math::MathBackend;
 use nerf_core::volume::{OPACITY_EPSILON, Pixel, composite};
-use nerf_tests::error::{excess, worse, worst_of};
+use nerf_testing::error::{excess, worse, worst_of};
 use proptest::collection::vec;
 use proptest::prelude::{Just, Strategy, any, prop_oneof};
 use std::fmt;
