@@ -1,6 +1,7 @@
 //! `check`: what it says of a data set, its page, and what `fit` makes of it.
 
 use crate::made::Folder;
+use crate::program::trainer;
 use crate::{fails, fit_grid, ok};
 use nerf_train::data::demo::{self, DemoSpec};
 use serde_json::Value;
@@ -12,8 +13,8 @@ fn checked(data: &str) -> Value {
 
 /// A capture of the panel, where it is there.
 fn real(name: &str) -> Option<PathBuf> {
-    let data = std::env::var_os("NERF_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data"), PathBuf::from);
+    let data =
+        std::env::var_os("NERF_DATA").map_or_else(|| trainer().join("../../shared/data"), PathBuf::from);
     let folder = data.join("real").join(name);
     if !folder.is_dir() {
         eprintln!("skipped: no data");

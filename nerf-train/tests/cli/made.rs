@@ -1,6 +1,8 @@
 //! Small data sets on disk.
 
-use crate::write_picture;
+use image::DynamicImage;
+use image::codecs::jpeg::JpegEncoder;
+use image::codecs::png::PngEncoder;
 use nerf_train::data::Axes;
 use nerf_train::data::Dataset;
 use nerf_train::data::View;
@@ -114,6 +116,17 @@ impl Folder {
         writer.finish().expect("finish");
         path
     }
+}
+
+/// Writes a picture as JPEG or PNG, by the file's ending. Its own `save` would compile every encoder.
+pub fn write_picture(picture: impl Into<DynamicImage>, file: impl AsRef<Path>) {
+    let (picture, file, mut bytes) = (picture.into(), file.as_ref(), Vec::new());
+    let written = match file.extension().is_some_and(|ending| ending == "jpg") {
+        true => picture.write_with_encoder(JpegEncoder::new(&mut bytes)),
+        false => picture.write_with_encoder(PngEncoder::new(&mut bytes)),
+    };
+    written.expect("a picture");
+    std::fs::write(file, bytes).expect("written");
 }
 
 /// Names in a folder, sorted.

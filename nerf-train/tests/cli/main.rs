@@ -26,6 +26,8 @@ mod pipeline;
 mod places;
 #[cfg(unix)]
 mod poses;
+#[path = "../program.rs"]
+mod program;
 mod schema;
 mod settings;
 mod show;
@@ -44,9 +46,8 @@ mod video;
 mod views;
 
 use image::DynamicImage;
-use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::PngEncoder;
-use made::Folder;
+use made::{Folder, write_picture};
+use program::program;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -82,17 +83,6 @@ fn read_picture(file: impl AsRef<Path>) -> DynamicImage {
     image::load_from_memory(&bytes).unwrap_or_else(|error| panic!("{}: {error}", file.display()))
 }
 
-/// Writes a picture as JPEG or PNG, by the file's ending. Its own `save` would compile every encoder.
-fn write_picture(picture: impl Into<DynamicImage>, file: impl AsRef<Path>) {
-    let (picture, file, mut bytes) = (picture.into(), file.as_ref(), Vec::new());
-    let written = match file.extension().is_some_and(|ending| ending == "jpg") {
-        true => picture.write_with_encoder(JpegEncoder::new(&mut bytes)),
-        false => picture.write_with_encoder(PngEncoder::new(&mut bytes)),
-    };
-    written.expect("a picture");
-    std::fs::write(file, bytes).expect("written");
-}
-
 /// What a command left.
 struct Ran {
     code: Option<i32>,
@@ -101,7 +91,7 @@ struct Ran {
 }
 
 fn command<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_nerf-train"));
+    let mut command = Command::new(program());
     command.args(args).stdin(Stdio::null()).env_remove("NERF_KERNEL").env_remove("NERF_FFMPEG");
     command
 }
@@ -110,7 +100,7 @@ fn command<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Comm
 /// ignored, which programs inherit.
 fn interruptible<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Command {
     let mut command = Command::new("env");
-    command.args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_nerf-train")]).args(args);
+    command.arg("--default-signal=INT,TERM,HUP").arg(program()).args(args);
     command.stdin(Stdio::null()).env_remove("NERF_KERNEL").env_remove("NERF_FFMPEG");
     command
 }

@@ -1,13 +1,13 @@
 //! The names and kinds of every command's JSON, which scripts rely on: `schema.txt`.
 //!
-//! `NERF_BLESS=schema cargo test --release -p nerf-train --test cli schema` renews the list. Notes of numbers that JSON cannot
+//! `NERF_BLESS=schema cargo test --release -p nerf-train-tests --test cli schema` renews the list. Notes of numbers that JSON cannot
 //! hold come and go with the numbers and are not in it.
 
 use crate::made::Folder;
+use crate::program::trainer;
 use crate::{blob, fit_grid, ok, write_picture};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// What a run may leave out or write as null is told apart from numbers by nobody: it goes by its other kind.
 fn kinds(value: &Value, name: &str, found: &mut BTreeMap<String, &'static str>) {
@@ -88,7 +88,7 @@ fn every_commands_json_keeps_its_names_and_kinds() {
     add("check", &["check", &data, "-o", &path("check")]);
     add("completions", &["completions", "bash"]);
 
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/schema.txt");
+    let file = trainer().join("tests/cli/schema.txt");
     let found = all.join("\n") + "\n";
     if std::env::var_os("NERF_BLESS").is_some_and(|bless| bless == "schema") {
         std::fs::write(&file, &found).expect("written");

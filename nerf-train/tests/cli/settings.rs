@@ -1,12 +1,12 @@
 //! What the command line reads and prints, without running it: flags, settings files, summaries.
 
+use crate::program::trainer;
 use clap::{CommandFactory, Parser, ValueEnum};
 use nerf_train::cli::{Cli, SetOption, commented, lines, read_config};
 use nerf_train::model::config::{Jitter, Preset, Surroundings, TableConfig};
 use serde::Serialize;
 use serde_json::json;
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// Returns the arguments after `program` in a shell line, up to a comment or redirection; `None`: no `program`.
 fn arguments<'l>(line: &'l str, program: &str) -> Option<Vec<&'l str>> {
@@ -22,7 +22,7 @@ fn assert_parses(arguments: &[&str]) {
 #[test]
 fn commands_of_the_readmes_parse() {
     for (readme, least) in [("../README.md", 8), ("README.md", 30)] {
-        let readme = Path::new(env!("CARGO_MANIFEST_DIR")).join(readme);
+        let readme = trainer().join(readme);
         let text = std::fs::read_to_string(readme).expect("README.md");
         let shell = text.split("```sh\n").skip(1).filter_map(|block| block.split("```").next());
         let commands: Vec<_> = shell
@@ -52,7 +52,7 @@ fn examples_of_the_help_parse() {
 #[test]
 fn files_of_the_firmware_are_settings_for_the_demo() {
     for (name, is_grid) in [("scene.toml", false), ("grid.toml", true)] {
-        let firmware = Path::new(env!("CARGO_MANIFEST_DIR")).join("../nerf-core/examples/firmware");
+        let firmware = trainer().join("../nerf-core/examples/firmware");
         let file = firmware.join(name);
         let config = read_config(Preset::Grid, Some(&file), &SetOption::default(), Surroundings::Known)
             .expect("settings");

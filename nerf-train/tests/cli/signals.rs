@@ -3,6 +3,7 @@
 
 use crate::checkpoint::Shape;
 use crate::made::{Folder, scene};
+use crate::program::program;
 use crate::stopping::{Running, wait_for};
 use crate::tools::all_here;
 use crate::{blob, fit, interruptible, ok, write_picture};
@@ -383,7 +384,7 @@ fn a_signal_that_is_ignored_from_the_start_stays_ignored() {
     let checkpoint = format!("{file}.checkpoint");
     let args = fit(&data, &file, &["--steps", "400", "--checkpoint-every", "0"]);
     let mut shell = Command::new("sh");
-    shell.args(["-c", "trap '' HUP; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_nerf-train")]).args(args);
+    shell.args(["-c", "trap '' HUP; exec \"$0\" \"$@\""]).arg(program()).args(args);
     let mut running = Running::of(&mut shell);
     wait_for(Path::new(&checkpoint), &mut running);
     running.signal("HUP");

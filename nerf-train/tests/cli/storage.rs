@@ -1,6 +1,7 @@
 //! Disks that fill up or turn read-only during a run, limits of file sizes, and two processes with one output.
 
 use crate::made::{Folder, names};
+use crate::program::program;
 use crate::stopping::{Running, wait_for};
 use crate::tools;
 use crate::{blob, command, fails, fit, ok, ran};
@@ -162,9 +163,9 @@ fn a_disk_that_turns_read_only_leaves_the_last_checkpoint_to_go_on_from() {
 
 /// The command under a limit of file sizes of so many KiB.
 fn limited(kilobytes: u64, args: &[&str]) -> Command {
-    let program = env!("CARGO_BIN_EXE_nerf-train");
+    let program = program();
     let mut shell = Command::new("bash");
-    shell.args(["-c", &format!("ulimit -f {kilobytes}; exec \"$0\" \"$@\""), program]).args(args);
+    shell.args(["-c", &format!("ulimit -f {kilobytes}; exec \"$0\" \"$@\"")]).arg(program).args(args);
     shell
 }
 

@@ -7,6 +7,8 @@ mod golden;
 mod import;
 mod pages;
 mod parity_dfdx;
+#[path = "../program.rs"]
+mod program;
 mod quality;
 mod rooms;
 #[allow(dead_code, reason = "shared with the tests that span the crates")]

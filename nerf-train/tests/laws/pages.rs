@@ -1,5 +1,6 @@
 //! What pages and comments name is there: flags, presets, modules, files, links, features.
 
+use crate::program::{program, trainer};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -43,7 +44,7 @@ struct Tree {
 
 impl Tree {
     fn read() -> Self {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("a workspace").to_path_buf();
+        let root = trainer().parent().expect("a workspace").to_path_buf();
         let mut tree = Self { root: root.clone(), ..Self::default() };
         tree.walk(&root);
         assert!(tree.pages.len() > 300 && tree.code.len() > 300, "{} pages", tree.pages.len());
@@ -140,7 +141,7 @@ fn flags_in(piece: &str) -> impl Iterator<Item = &str> {
 
 /// Collects the flags and the values of `--preset` of the command `of` and its subcommands, from their `--help`.
 fn commands(of: &str, found: &mut BTreeMap<String, (BTreeSet<String>, String)>) {
-    let mut help = Command::new(env!("CARGO_BIN_EXE_nerf-train"));
+    let mut help = Command::new(program());
     let help = help.args(of.split_whitespace()).arg("--help").output().expect("the program");
     let help = String::from_utf8(help.stdout).expect("UTF-8");
     let flags = help.lines().filter(|line| line.trim_start().starts_with('-')).flat_map(flags_in);

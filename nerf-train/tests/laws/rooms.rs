@@ -1,5 +1,6 @@
 //! The rooms of the program and of the core use each other in the order in which data flows.
 
+use crate::program::trainer;
 use std::path::{Path, PathBuf};
 
 /// As in `lib.rs`.
@@ -55,17 +56,12 @@ fn check(source: &Path, rooms: &[&str], shared: &[&str], part: fn(&str) -> Strin
 
 #[test]
 fn a_room_uses_only_those_in_front_of_it() {
-    check(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &ROOMS, &[], str::to_owned);
+    check(&trainer().join("src"), &ROOMS, &[], str::to_owned);
 }
 
 #[test]
 fn a_room_of_the_core_uses_only_those_in_front_of_it() {
-    check(
-        &Path::new(env!("CARGO_MANIFEST_DIR")).join("../nerf-core/src"),
-        &CORE,
-        &["absent", "errors", "names"],
-        code_alone,
-    );
+    check(&trainer().join("../nerf-core/src"), &CORE, &["absent", "errors", "names"], code_alone);
 }
 
 /// Names of the types with an inherent `impl` in this text.
@@ -81,7 +77,7 @@ fn own_impls(text: &str) -> impl Iterator<Item = &str> {
 #[test]
 fn the_impl_of_a_type_stands_in_its_file() {
     let mut files = Vec::new();
-    sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut files);
+    sources(&trainer().join("src"), &mut files);
     let mut checked = 0;
     for file in files {
         let text = std::fs::read_to_string(&file).expect("a source file");
