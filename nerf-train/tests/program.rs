@@ -16,7 +16,13 @@ pub fn program() -> &'static Path {
         let profile = folder.file_name().filter(|name| *name != "debug").unwrap_or("dev".as_ref());
         // From the workspace's folder, with the features of all its packages, as the tests: nothing is compiled again.
         let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        command.current_dir(trainer().join("..")).args(["build", "--offline", "--quiet", "--bin", "nerf-train"]);
+        command.current_dir(trainer().join("..")).args([
+            "build",
+            "--offline",
+            "--quiet",
+            "--bin",
+            "nerf-train",
+        ]);
         command.arg("--profile").arg(profile).arg("--target-dir").arg(target);
         assert!(command.status().expect("cargo starts").success(), "{command:?}");
         folder.join(format!("nerf-train{}", std::env::consts::EXE_SUFFIX))
