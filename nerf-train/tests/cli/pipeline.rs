@@ -129,13 +129,13 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
         all,
     ]);
     assert_eq!((read_picture(&still).width(), read_picture(&still).height()), (20, 10));
-    let opacity = read_picture(&folder.path("still_opacity.png"));
+    let opacity = read_picture(folder.path("still_opacity.png"));
     assert!(matches!(opacity, image::DynamicImage::ImageLuma16(_)), "{:?}", opacity.color());
     for name in ["still_ray_distance.png", "still_z_depth.png", "still_median_distance.png"] {
-        assert!(read_picture(&folder.path(name)).width() >= 20, "{name}");
+        assert!(read_picture(folder.path(name)).width() >= 20, "{name}");
     }
     // The picture of normals has no legend, and the colours of unit vectors where it is not empty.
-    let normals = read_picture(&folder.path("still_normals.png")).into_rgb8();
+    let normals = read_picture(folder.path("still_normals.png")).into_rgb8();
     assert_eq!((normals.width(), normals.height()), (20, 10));
     let vector = |p: &image::Rgb<u8>| p.0.map(|c| f32::from(c) / 127.5 - 1.0);
     let length = |[x, y, z]: [f32; 3]| (x * x + y * y + z * z).sqrt();
@@ -156,7 +156,7 @@ fn render_writes_every_output_of_a_pose_a_view_and_an_orbit() {
     // The same view as eval's own picture of it, which takes the bins that the network was fitted on.
     let report = folder.path("eval_of_view");
     ok(["eval", file, &data, "-q", "--report", &report]);
-    let of_eval = read_picture(&format!("{report}/images_val_1.png"));
+    let of_eval = read_picture(format!("{report}/images_val_1.png"));
     assert!(read_picture(&view).into_rgb8() == of_eval.into_rgb8());
 
     let clear = folder.path("clear.png");

@@ -99,7 +99,7 @@ fn a_folder_gets_numbered_frames_also_transparent_ones() {
     let expected = ["frame_0000.png", "frame_0001.png", "frame_0002.png"];
     assert_eq!(names(Path::new(&frames)), expected);
     assert_eq!(names(Path::new(&folder.path("frames_z_depth"))), expected);
-    let image::DynamicImage::ImageRgba8(clear) = read_picture(&format!("{frames}/frame_0001.png")) else {
+    let image::DynamicImage::ImageRgba8(clear) = read_picture(format!("{frames}/frame_0001.png")) else {
         panic!("no alpha")
     };
     assert!(clear.pixels().any(|p| p[3] == 0) && clear.pixels().any(|p| p[3] > 0));
@@ -108,7 +108,7 @@ fn a_folder_gets_numbered_frames_also_transparent_ones() {
     let far = ["--orbit", "2", "--radius", "9", "--width", "24", "--background", "#ff0000"];
     let again = run(render(file, &frames, &far));
     assert!(again.code == Some(0) && again.err.contains("earlier run, from 2 on"), "{}", again.err);
-    let red = read_picture(&format!("{frames}/frame_0001.png")).into_rgb8();
+    let red = read_picture(format!("{frames}/frame_0001.png")).into_rgb8();
     assert_eq!(red.get_pixel(0, 0).0, [255, 0, 0], "the remaining transmittance is red");
 }
 
@@ -208,7 +208,7 @@ fn a_path_is_nerfstudios_or_a_list_and_keyframes_are_flown_through() {
         "render", file, "-q", "-o", &view, "--pose", pose, "--focal", &focal, "--width", "16", "--height",
         "9",
     ]);
-    assert_eq!(read_picture(&format!("{frames}frame_0000.png")), read_picture(&view));
+    assert_eq!(read_picture(format!("{frames}frame_0000.png")), read_picture(&view));
 
     let flown = said(&["--data", &data, "--split", "train", "--keyframes", "0,3,1", "--frames", "7"]);
     assert_eq!(flown["frames"], 7);
