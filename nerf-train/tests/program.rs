@@ -1,11 +1,11 @@
-//! The command that the tests run.
+//! The program `nerf-train`, which the tests run, and the folder of its package.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// Returns the path of `nerf-train`, built from the present sources with the profile of this test program. Cargo builds
-/// programs for the tests of their own package alone, and these tests are another package.
+/// Builds `nerf-train` with the profile of this test program, once per test program, and returns its path. Cargo only
+/// builds a program before tests of the same package, and these tests are a package of their own.
 pub fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
@@ -14,16 +14,10 @@ pub fn program() -> &'static Path {
         let folder = own.ancestors().nth(2).expect("the profile's folder");
         let target = folder.parent().expect("cargo's target directory");
         let profile = folder.file_name().filter(|name| *name != "debug").unwrap_or("dev".as_ref());
-        // From the workspace's folder, with the features of all its packages, as the tests: nothing is compiled again.
+        // In the workspace's folder, dependencies have the same features as for all tests, so none is compiled again.
         let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        command.current_dir(trainer().join("..")).args([
-            "build",
-            "--offline",
-            "--quiet",
-            "--bin",
-            "nerf-train",
-        ]);
-        command.arg("--profile").arg(profile).arg("--target-dir").arg(target);
+        command.current_dir(trainer().join("..")).args(["build", "--offline", "--quiet"]);
+        command.args(["--bin", "nerf-train", "--profile"]).arg(profile).arg("--target-dir").arg(target);
         assert!(command.status().expect("cargo starts").success(), "{command:?}");
         folder.join(format!("nerf-train{}", std::env::consts::EXE_SUFFIX))
     })

@@ -1,11 +1,10 @@
 //! Paths of the workspace and of the generated header, and temporary folders.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Returns the root folder of the workspace.
 pub fn workspace() -> PathBuf {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    folder.ancestors().nth(2).expect("tests/src/ lies in the workspace").to_path_buf()
+    crate::tools::workspace().to_path_buf()
 }
 
 /// Returns the path of the generated header.

@@ -103,8 +103,8 @@ pub fn data(name: &str) -> Option<PathBuf> {
     Some(path)
 }
 
-/// Returns the workspace's folder. Several packages compile this file.
-fn workspace() -> &'static Path {
+/// Returns the folder of the workspace, found by its lock file: packages at several depths include this module.
+pub fn workspace() -> &'static Path {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
     own.ancestors().find(|folder| folder.join("Cargo.lock").exists()).unwrap_or(own)
 }

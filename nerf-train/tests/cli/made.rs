@@ -1,8 +1,9 @@
 //! Small data sets on disk.
 
+#[path = "../../src/data/pictures/testing.rs"]
+mod encoded;
+
 use image::DynamicImage;
-use image::codecs::jpeg::JpegEncoder;
-use image::codecs::png::PngEncoder;
 use nerf_train::data::Axes;
 use nerf_train::data::Dataset;
 use nerf_train::data::View;
@@ -98,10 +99,6 @@ impl Folder {
             Array::new("focal", "<f8", "()", dataset.train[0].camera.intrinsics().fx.f64().to_vec()),
         ];
         change(&mut arrays);
-        self.archive(name, arrays)
-    }
-
-    fn archive(&self, name: &str, arrays: Vec<Array>) -> String {
         let path = self.path(name);
         let mut writer = zip::ZipWriter::new(std::fs::File::create(&path).expect("create"));
         for Array { key, dtype, shape, data } in arrays {
@@ -118,14 +115,10 @@ impl Folder {
     }
 }
 
-/// Writes a picture as JPEG or PNG, by the file's ending. Its own `save` would compile every encoder.
+/// Writes a picture as JPEG or PNG, by the file's ending.
 pub fn write_picture(picture: impl Into<DynamicImage>, file: impl AsRef<Path>) {
-    let (picture, file, mut bytes) = (picture.into(), file.as_ref(), Vec::new());
-    let written = match file.extension().is_some_and(|ending| ending == "jpg") {
-        true => picture.write_with_encoder(JpegEncoder::new(&mut bytes)),
-        false => picture.write_with_encoder(PngEncoder::new(&mut bytes)),
-    };
-    written.expect("a picture");
+    let is_jpeg = file.as_ref().extension().is_some_and(|ending| ending == "jpg");
+    let bytes = if is_jpeg { encoded::jpeg(picture) } else { encoded::png(picture) };
     std::fs::write(file, bytes).expect("written");
 }
 

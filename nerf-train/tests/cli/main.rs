@@ -76,7 +76,7 @@ const TINY: &[&str] = &[
     "occupancy.resolution=12",
 ];
 
-/// Reads a picture. `image::open` would compile every decoder for this program once more.
+/// Reads a picture. `image::open` would compile all decoders again.
 fn read_picture(file: impl AsRef<Path>) -> DynamicImage {
     let file = file.as_ref();
     let bytes = std::fs::read(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
@@ -120,22 +120,16 @@ fn run<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> Ran {
 
 /// Runs a command that must succeed; its stdout.
 fn ok<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>) -> String {
-    succeeds(&mut command(args))
-}
-
-fn succeeds(command: &mut Command) -> String {
-    let ran = ran(command);
+    let mut command = command(args);
+    let ran = ran(&mut command);
     assert_eq!(ran.code, Some(0), "{command:?}: {}", ran.err);
     ran.out
 }
 
 /// Runs a command that must fail with one clear message, which holds all of `words`.
 fn fails<S: AsRef<std::ffi::OsStr>>(args: impl IntoIterator<Item = S>, words: &[&str]) -> String {
-    fails_as(&mut command(args), words)
-}
-
-fn fails_as(command: &mut Command, words: &[&str]) -> String {
-    let ran = ran(command);
+    let mut command = command(args);
+    let ran = ran(&mut command);
     assert!(matches!(ran.code, Some(1 | 2)), "{command:?}: status {:?}: {}", ran.code, ran.err);
     assert_eq!(ran.err.matches("error:").count(), 1, "{command:?}: {}", ran.err);
     for word in words {

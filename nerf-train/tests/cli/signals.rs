@@ -13,7 +13,6 @@ use nerf_train::data::demo;
 use nerf_train::data::demo::DemoSpec;
 use nerf_train::system::stop;
 use nerf_train::train::checkpoint::Checkpoint;
-use rayon::prelude::*;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -267,54 +266,49 @@ fn a_signal_at_any_moment_of_a_film_is_answered_within_two_seconds() {
 fn are_answered(rows: &[Row]) {
     let moments = if std::env::var_os("NERF_LONG").is_some() { 20 } else { 1 };
     let chosen = std::env::var("NERF_ROWS").unwrap_or_default();
-    let inputs = Inputs::new();
-    let rows: Vec<_> = rows.iter().enumerate().filter(|(_, (name, ..))| name.contains(&chosen)).collect();
-    // Beside each other, since much of the time is waiting.
-    let late: Vec<String> =
-        rows.par_iter().flat_map_iter(|&(index, row)| late_answers(index, row, &inputs, moments)).collect();
-    assert!(late.is_empty(), "{}", late.join("\n"));
-}
-
-/// Sends a signal to a command at each of `moments` moments, and returns the answers that took too long.
-fn late_answers(row: usize, &(name, span, args): &Row, inputs: &Inputs, moments: u64) -> Vec<String> {
-    let (signals, begun, mut late) = (signals(), Instant::now(), Vec::new());
-    let calm = span.is_nan().then(|| {
-        let output = Folder::in_memory();
-        ok(args(inputs, &output));
-        (begun.elapsed(), fs::read(output.path("a.nerf")).expect("a blob"))
-    });
-    let span = calm.as_ref().map_or(span, |(took, _)| took.as_secs_f64());
-    let (mut longest, mut through, mut early) = (Duration::ZERO, 0, 0);
-    for moment in 0..moments {
-        let output = Folder::in_memory();
-        let args = args(inputs, &output);
-        let share = uniform(7, Purpose::Jitter, row as u64, moment);
-        let signal = signals[(row + moment as usize) % signals.len()];
-        let wait = Duration::from_secs_f64(0.02 + span * f64::from(share));
-        let answer = signalled(&args, wait, signal);
-        longest = longest.max(answer.after);
-        through += usize::from(answer.code == Some(0));
-        early += usize::from(answer.code.is_none());
-        if answer.after > ANSWER {
-            late.push(format!("{name}: {signal} after {wait:?} took {:?}: {}", answer.after, answer.err));
+    let (inputs, signals) = (Inputs::new(), signals());
+    let mut late = Vec::new();
+    let rows = rows.iter().enumerate().filter(|(_, (name, ..))| name.contains(&chosen));
+    for (row, &(name, span, args)) in rows {
+        let begun = Instant::now();
+        let calm = span.is_nan().then(|| {
+            let output = Folder::in_memory();
+            ok(args(&inputs, &output));
+            (begun.elapsed(), fs::read(output.path("a.nerf")).expect("a blob"))
+        });
+        let span = calm.as_ref().map_or(span, |(took, _)| took.as_secs_f64());
+        let (mut longest, mut through, mut early) = (Duration::ZERO, 0, 0);
+        for moment in 0..moments {
+            let output = Folder::in_memory();
+            let args = args(&inputs, &output);
+            let share = uniform(7, Purpose::Jitter, row as u64, moment);
+            let signal = signals[(row + moment as usize) % signals.len()];
+            let wait = Duration::from_secs_f64(0.02 + span * f64::from(share));
+            let answer = signalled(&args, wait, signal);
+            longest = longest.max(answer.after);
+            through += usize::from(answer.code == Some(0));
+            early += usize::from(answer.code.is_none());
+            if answer.after > ANSWER {
+                late.push(format!("{name}: {signal} after {wait:?} took {:?}: {}", answer.after, answer.err));
+            }
+            for path in files(Path::new(&output.path("."))) {
+                assert!(is_whole(&path), "{name}: {} after {signal} at {wait:?}", path.display());
+            }
+            let kept = answer.err.contains("holds the field");
+            assert!(!kept || Path::new(&output.path("a.nerf")).exists(), "{name}: {}", answer.err);
+            let children = processes_with(&output.path(""));
+            assert!(children.is_empty(), "{name}: {children:?}");
+            if let Some((_, expected)) = &calm {
+                goes_on_to(expected, &args, &output);
+            }
         }
-        for path in files(Path::new(&output.path("."))) {
-            assert!(is_whole(&path), "{name}: {} after {signal} at {wait:?}", path.display());
-        }
-        let kept = answer.err.contains("holds the field");
-        assert!(!kept || Path::new(&output.path("a.nerf")).exists(), "{name}: {}", answer.err);
-        let children = processes_with(&output.path(""));
-        assert!(children.is_empty(), "{name}: {children:?}");
-        if let Some((_, expected)) = &calm {
-            goes_on_to(expected, &args, &output);
-        }
+        println!(
+            "{name:<26} {moments} moments: longest answer {:.2} s; {through} through, {early} before main; {:.1} s",
+            longest.as_secs_f64(),
+            begun.elapsed().as_secs_f64()
+        );
     }
-    println!(
-        "{name:<26} {moments} moments: longest answer {:.2} s; {through} through, {early} before main; {:.1} s",
-        longest.as_secs_f64(),
-        begun.elapsed().as_secs_f64()
-    );
-    late
+    assert!(late.is_empty(), "{}", late.join("\n"));
 }
 
 #[test]

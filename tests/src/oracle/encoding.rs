@@ -35,8 +35,8 @@ pub fn encode(x: &[f64], levels: u8, pi: bool, identity: bool) -> Vec<f64> {
     out
 }
 
-/// Returns the largest difference of `found`, the encodings `[outputs][n]` of `n` points, from the encodings `truth` of
-/// these points, with its output and its point. NaN counts as the largest.
+/// Returns the largest absolute error of `found`, `[outputs][n]`, against `truth`, `[n][outputs]`, and the indices of its
+/// output and its point. NaN is the largest error.
 pub fn furthest(found: &[f32], truth: &[Vec<f64>]) -> (f64, usize, usize) {
     let mut furthest = (0.0f64, 0, 0);
     for (output, values) in found.chunks_exact(truth.len()).enumerate() {

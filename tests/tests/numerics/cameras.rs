@@ -204,7 +204,7 @@ fn folds() -> Vec<Row> {
     let (mut behind, mut all, mut at) = (0, 0, String::new());
     each_lens(|camera, wanted, ideal| {
         all += 1;
-        if lens::folds_on_the_way(coefficients(camera.lens()), ideal) {
+        if lens::folds_before(coefficients(camera.lens()), ideal) {
             behind += 1;
             at = format!(
                 "({:.4}, {:.4}) of {:?}, {:?}",

@@ -39,9 +39,9 @@ pub fn encode_grid_block(
     with_table!(tables.values, table => isa.run(Encode { grid, tables, table, stride, x, out }));
 }
 
-/// Implements [`encode_grid_block`] for samples that fill no vectors, and in builds without vector instructions, where
-/// code size matters more than speed: encodes one sample and one level at a time, with a run-time number of features. A 2D sample also reads two rows of
-/// corners with weight 0, which leaves the result bit-identical.
+/// Encodes one sample and one level at a time, with a run-time number of features: for blocks that are not a multiple of
+/// [`Isa::columns`], and in builds without vector instructions, where code size matters more than speed. A 2D sample also
+/// reads two rows of corners with weight 0, which leaves the result bit-identical.
 pub(super) fn encode_one_by_one(
     grid: &GridEncoding,
     tables: &GridTables<'_>,
@@ -79,7 +79,7 @@ impl<T: Value> Op for Encode<'_, T> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        // The sizes whose constants save time; four features take as long with a run-time number.
+        // Sizes that are faster with a constant number of features. 3D with four features takes as long without.
         match (self.grid.inputs, self.grid.features) {
             (2, 2) => self.encode::<V, 2, 2>(),
             (3, 1) => self.encode::<V, 4, 1>(),
@@ -90,8 +90,8 @@ impl<T: Value> Op for Encode<'_, T> {
 }
 
 impl<T: Value> Encode<'_, T> {
-    /// Encodes with `FEATURES` features a level, or with a run-time number of them if `FEATURES` is 0. With 4 `ROWS`, a
-    /// 2D sample also reads two rows of weight 0, which leaves the result bit-identical.
+    /// `FEATURES`: number of features per level; 0 for a run-time number. `ROWS`: number of rows of corners, 2 or 4; with
+    /// 4, a 2D sample also reads two rows with weight 0, which leaves the result bit-identical.
     #[inline(always)]
     fn encode<V: Lanes, const ROWS: usize, const FEATURES: usize>(self) {
         let (stride, inputs) = (self.stride, usize::from(self.grid.inputs));

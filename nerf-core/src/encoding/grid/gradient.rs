@@ -23,7 +23,7 @@ impl<T: Value> Op for Gradient<'_, T> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        // Two features, as in the presets, have code of their own.
+        // The presets have two features. One lane, and builds without vectors, favour code size.
         if VECTORS && V::COUNT > 1 && self.grid.features == 2 {
             self.gradient::<V, 2>();
         } else {
@@ -33,8 +33,8 @@ impl<T: Value> Op for Gradient<'_, T> {
 }
 
 impl<T: Value> Gradient<'_, T> {
-    /// Computes the gradient with `FEATURES` features a level, or with a run-time number of them if `FEATURES` is 0. A
-    /// 2D sample also reads two rows of weight 0, which leaves the result bit-identical.
+    /// `FEATURES`: number of features per level; 0 for a run-time number. A 2D sample also reads two rows of corners with
+    /// weight 0, which leaves the result bit-identical.
     #[inline(always)]
     pub(super) fn gradient<V: Lanes, const FEATURES: usize>(self) {
         let stride = self.stride;

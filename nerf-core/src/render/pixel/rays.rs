@@ -16,7 +16,7 @@ pub(in crate::render) trait RaySource {
     fn ray(&self, x: u32, y: u32) -> Ray;
     /// Writes the rays of the pixels of `part` to `to`, row by row. `part` must have at most [`MAX_LANES`] pixels.
     fn rays(&self, _isa: Isa, part: Rect, to: &mut [Ray]) {
-        to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = self.ray(x, y));
+        one_by_one(self, part, to);
     }
     /// Returns the nearest and the farthest visible distance along `ray`, the ray of pixel `(x, y)`, world units.
     fn range(&self, x: u32, y: u32, ray: &Ray) -> [f32; 2];
@@ -27,6 +27,10 @@ pub(in crate::render) trait RaySource {
     fn until(&self, _x: u32) -> f32 {
         f32::INFINITY
     }
+}
+
+fn one_by_one<S: RaySource + ?Sized>(source: &S, part: Rect, to: &mut [Ray]) {
+    to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = source.ray(x, y));
 }
 
 /// Source of a camera's rays, one per pixel. If pixels have several rays, there is one source for each ray index.
@@ -63,9 +67,8 @@ impl<L: Fn(u32, u32) -> Limit> RaySource for CameraRays<'_, L> {
     fn rays(&self, isa: Isa, part: Rect, to: &mut [Ray]) {
         let (camera, offset) = (self.camera, self.offset);
         let is_pinhole = self.effects.depth_of_field.is_none() && *camera.lens() == Lens::NONE;
-        // Builds without vectors take rays one by one.
         if !VECTORS || !is_pinhole {
-            return to.iter_mut().zip(part.pixels()).for_each(|(to, (x, y))| *to = self.ray(x, y));
+            return one_by_one(self, part, to);
         }
         let mut points = [[0.0; MAX_LANES]; 2];
         for (i, (x, y)) in part.pixels().enumerate().take(MAX_LANES) {

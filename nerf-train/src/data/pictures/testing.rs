@@ -1,4 +1,4 @@
-//! Encoded pictures for tests, by the encoders of two formats: `save` of `image` would compile those of all formats.
+//! Encoded pictures for tests. `DynamicImage::save` would compile the encoders of all formats.
 
 use image::DynamicImage;
 use image::codecs::jpeg::JpegEncoder;
