@@ -130,8 +130,10 @@ fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
         let _ = reads.push(Read::of(level, unit));
     }
     let mut rows = tail_mut(out, level.index * features * stride).chunks_exact_mut(stride);
-    let mut to: [_; 4] =
-        core::array::from_fn(|_| tail_mut(rows.next().unwrap_or_default(), first).chunks_exact_mut(V::COUNT));
+    let mut to: [_; 4] = core::array::from_fn(|_| {
+        let row = rows.next().map(|row| tail_mut(row, first));
+        row.unwrap_or_default().chunks_exact_mut(V::COUNT)
+    });
     for read in &*reads {
         let values = read.interpolate(table, level, features);
         for (to, value) in to.iter_mut().zip(values).take(features) {
