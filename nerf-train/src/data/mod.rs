@@ -89,7 +89,8 @@ pub struct SparsePoint {
 }
 
 impl Dataset {
-    pub(crate) fn empty(name: String, format: Format, axes: Axes) -> Self {
+    /// Returns a data set without views.
+    pub fn empty(name: String, format: Format, axes: Axes) -> Self {
         Self {
             name,
             format,
@@ -389,6 +390,3 @@ fn scene_name(path: &Path) -> String {
     let name = if path.is_dir() { path.file_name() } else { path.file_stem() };
     name.map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned())
 }
-
-#[cfg(test)]
-mod tests;

@@ -2,6 +2,9 @@
 
 mod checkpoints;
 mod choice;
+mod data;
+#[path = "../../src/data/pictures/testing.rs"]
+mod encoders;
 mod engines;
 mod golden;
 mod import;

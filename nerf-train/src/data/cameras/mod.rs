@@ -6,7 +6,7 @@ pub(crate) mod origin;
 pub mod path;
 pub(crate) mod pose;
 pub mod refined;
-pub(crate) mod viewpoint;
+pub mod viewpoint;
 
 use nerf_core::camera::{Camera, CameraError, Intrinsics, Lens};
 use std::collections::BTreeMap;

@@ -26,7 +26,7 @@ const ENOUGH_POINTS: usize = 8;
 /// cameras surround the target, the typical position also has the middle of the cameras' range of azimuths.
 ///
 /// Without a common point, the viewpoint is the camera nearest to the geometric median of all positions.
-pub(crate) fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
+pub fn viewpoint(dataset: &Dataset, range: (f32, f32)) -> Option<Viewpoint> {
     let cameras: Vec<Camera> = dataset.train.iter().map(|view| view.camera).collect();
     let eyes: Vec<Vec3> = cameras.iter().map(|camera| camera.pose().position).collect();
     let up = up_of(&cameras);

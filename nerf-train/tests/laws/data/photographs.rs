@@ -1,7 +1,7 @@
 //! Tests of COLMAP models with their photographs: valid, damaged and odd ones.
 
 use super::*;
-use crate::data::pictures::testing::png;
+use crate::encoders::png;
 use glam::{DQuat, DVec3, Quat};
 use image::{Rgb, RgbImage};
 use nerf_core::camera::Projection;

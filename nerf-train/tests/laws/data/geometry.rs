@@ -1,6 +1,6 @@
-use super::super::scene_bounds;
 use super::*;
 use glam::Mat3;
+use nerf_train::data::scene_bounds;
 
 const TARGET: Vec3 = Vec3::new(10.0, -20.0, 5.0);
 
@@ -30,7 +30,7 @@ fn a_few_stray_cameras_do_not_move_the_point() {
     for aside in [5.0, 9.0] {
         poses.push(Pose::look_at(eye, eye + Vec3::new(0.3, aside, 1.0), Vec3::Z).expect("a pose"));
     }
-    let look_at = LookAt::of_poses(&poses);
+    let look_at = look_at_of(&poses);
     assert!((Vec3::from(look_at.point) - TARGET).length() < 0.02, "{look_at:?}");
 }
 
@@ -113,7 +113,7 @@ fn one_camera_and_duplicate_poses_make_a_report() {
         assert_names(&report.warnings.join("\n"), &[&format!("photographs to fit: {}; so few", poses.len())]);
     }
     let twice: Vec<Pose> = poses.iter().chain(&poses).copied().collect();
-    let look_at = LookAt::of_poses(&twice);
+    let look_at = look_at_of(&twice);
     assert!(Vec3::from(look_at.point).length() < 1e-4 && look_at.agrees());
     // All cameras are at one point and look in different directions: all distances from the look-at point are 0.
     let around: Vec<Pose> = poses.iter().map(|p| Pose { position: Vec3::ONE, ..*p }).collect();
@@ -140,7 +140,7 @@ fn the_callers_range_wins_over_the_recipe() {
 #[test]
 fn far_from_the_origin_the_point_keeps_its_precision() {
     let target = Vec3::new(1e4, -2e4, 3e4);
-    let look_at = LookAt::of_poses(&orbit(50, 10.0, target));
+    let look_at = look_at_of(&orbit(50, 10.0, target));
     assert!((Vec3::from(look_at.point) - target).length() < 0.02, "{look_at:?}");
 }
 
@@ -154,8 +154,6 @@ fn rolled_cameras_do_not_matter() {
     assert!(Report::of(&dataset_of(&poses, Axes::Opengl)).warnings.is_empty());
 }
 
-impl LookAt {
-    fn of_poses(poses: &[Pose]) -> Self {
-        Self::of(&poses.iter().map(|pose| camera(*pose)).collect::<Vec<_>>()).expect("axes cross")
-    }
+fn look_at_of(poses: &[Pose]) -> LookAt {
+    LookAt::of(&poses.iter().map(|pose| camera(*pose)).collect::<Vec<_>>()).expect("axes cross")
 }

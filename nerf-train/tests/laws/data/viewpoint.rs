@@ -1,11 +1,11 @@
 //! Tests of the initial viewpoint of a scene.
 
 use super::*;
-use crate::data::cameras::viewpoint::viewpoint;
-use crate::data::demo::{self, DemoSpec};
-use crate::show::orbit::Orbit;
 use glam::{Mat3, Quat};
 use nerf_core::blob::{SceneFacts, SceneSampling, Viewpoint};
+use nerf_train::data::cameras::viewpoint::viewpoint;
+use nerf_train::data::demo::{self, DemoSpec};
+use nerf_train::show::orbit::Orbit;
 use std::f32::consts::TAU;
 
 const TARGET: Vec3 = Vec3::new(10.0, -20.0, 5.0);

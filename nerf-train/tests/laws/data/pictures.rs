@@ -1,9 +1,9 @@
 //! Tests of reading pictures: reduction, masks, bit depths, and files that are refused.
 
 use super::*;
-use crate::data::Downscale;
-use crate::data::pictures::testing::{jpeg, png};
+use crate::encoders::{jpeg, png};
 use image::{DynamicImage, Luma, Rgb, RgbImage};
+use nerf_train::data::Downscale;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -120,10 +120,10 @@ fn what_a_mask_is_black_at_does_not_count() {
 
 #[test]
 fn rays_are_drawn_of_what_counts_alone() {
-    use crate::model::config::Preset;
-    use crate::train::Bounds;
-    use crate::train::rays::RayBank;
     use nerf_core::space::SceneBox;
+    use nerf_train::model::config::Preset;
+    use nerf_train::train::Bounds;
+    use nerf_train::train::rays::RayBank;
     let mut views = dataset_of(&orbit(3, 4.0, Vec3::ZERO), Axes::Opengl).train;
     views[1].mask = Some((0..48).map(|i| i % 8 == 3).collect());
     views.iter_mut().for_each(|view| view.pixels = vec![[9, 9, 9, 255]; 48]);

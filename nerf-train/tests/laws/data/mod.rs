@@ -11,11 +11,11 @@ mod transforms;
 mod untrusted;
 mod viewpoint;
 
-use crate::data::{
-    Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, mean_colour, read,
-};
 use glam::Vec3;
 use nerf_core::camera::{Camera, Intrinsics, Lens, Pose};
+use nerf_train::data::{
+    Axes, Background, Dataset, DatasetError, Format, LookAt, ReadOptions, Report, View, mean_colour, read,
+};
 use std::path::Path;
 
 /// `count` poses on a golden spiral of the upper hemisphere of `radius` around `target`, looking at `target`.

@@ -2,7 +2,7 @@
 
 use super::photographs::Made;
 use super::*;
-use crate::data::{Downscale, Layout};
+use nerf_train::data::{Downscale, Layout};
 use std::path::PathBuf;
 use tempfile::TempDir;
 

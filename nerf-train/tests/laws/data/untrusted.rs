@@ -2,7 +2,7 @@
 //! paths.
 
 use super::*;
-use crate::data::pictures::testing::png;
+use crate::encoders::png;
 use serde_json::{Value, json};
 use std::path::PathBuf;
 use tempfile::TempDir;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::data::pictures::testing::{jpeg, png};
+use crate::encoders::{jpeg, png};
 use image::DynamicImage;
 use nerf_core::camera::Projection;
 use serde_json::{Value, json};

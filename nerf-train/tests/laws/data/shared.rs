@@ -1,10 +1,10 @@
 //! Tests of shared cameras (one camera for each device) on models with one camera for each photograph.
 
 use super::*;
-use crate::data::pictures::testing::png;
-use crate::data::{Cameras, Downscale, Layout, cameras_in_name};
+use crate::encoders::png;
 use crate::tools::data;
 use glam::{DQuat, DVec3, EulerRot};
+use nerf_train::data::{Cameras, Downscale, Layout, cameras_in_name};
 use std::fmt::Write;
 
 /// Width and height of the photographs that are not turned by 90°.
