@@ -17,7 +17,7 @@ pub const fn pi(inputs: u8, levels: u8) -> SinusoidalEncoding {
     SinusoidalEncoding { inputs, levels, scale: AngleScale::Pi, identity: true }
 }
 
-/// Makes the architecture of a scene network (with a density head) if `position` has 3 inputs, else of a 2D field.
+/// Makes a network architecture: a radiance field, with a density head, if `position` has 3 inputs; else a 2D field.
 /// `trunk`: width of each layer, and whether the layer is a skip layer. `colour`: widths of the colour layers.
 pub fn architecture(
     position: impl Into<PositionEncoding>,

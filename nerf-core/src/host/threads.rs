@@ -147,9 +147,9 @@ fn each<T, I: Iterator, F: FnMut(T)>(
     }
 }
 
-/// Calls `work` once on each of `threads` threads, including the calling thread, and returns the sum of the counters.
-/// All calls share one mutex around the iterator `tasks` and the function `take`. A thread gets its next task from
-/// `tasks`, and passes the results to `take`. The order of the results is arbitrary.
+/// Calls `work` once on each of `threads` threads, including the calling thread. Returns the sum of the counters that the
+/// calls return. Each call takes tasks from the iterator `tasks`, and passes each result to the function `take`; one
+/// mutex guards both. The order of the results is arbitrary.
 fn in_parallel<I: Iterator + Send, F: Send>(
     threads: NonZeroUsize,
     tasks: I,

@@ -43,8 +43,8 @@ impl<'a> Weights<'a> {
         Self::view(architecture, storage, bytes, memory)
     }
 
-    /// Returns the parameters in the format of `storage`: `bytes` if `storage` reads them directly, else `unpacked`,
-    /// which [`Weights::unpack`] must have filled.
+    /// Returns a view of the parameters in the format of `storage`. If kernels of this format read the blob in place, the
+    /// view borrows `bytes`. Else it borrows `unpacked`, which [`Weights::unpack`] must have filled.
     pub(crate) fn view(
         architecture: &Architecture,
         storage: Storage,

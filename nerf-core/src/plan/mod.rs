@@ -390,8 +390,9 @@ impl<'a> Plan<'a> {
         Spacing { bins: &self.bins, contraction: self.contraction.as_ref() }
     }
 
-    /// Returns the point of a ray at `t`, contracted if the scene is unbounded. `t`: distance, world units; with a
-    /// contraction, position `s` of [`Contraction::distance`].
+    /// Returns the point of the ray at `t`. In a bounded scene, `t` is the distance along the ray, world units. In an
+    /// unbounded scene, `t` is the warped distance `s`, which [`Contraction::distance`] converts to world units; the
+    /// returned point is contracted.
     #[inline]
     pub(crate) fn point(&self, ray: &Ray, t: f32) -> Vec3 {
         match &self.contraction {

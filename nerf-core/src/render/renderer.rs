@@ -255,7 +255,8 @@ pub(crate) struct Prepared<F, B> {
 }
 
 impl Prepared<usize, usize> {
-    /// Counts the values of a scene that must be copied for `kernel`.
+    /// Counts the network parameters and table values of `blob` that `kernel` cannot read in place, so that the renderer
+    /// must hold a copy of them.
     #[inline]
     pub fn measure(blob: &Blob<'_>, kernel: Kernel) -> Self {
         let unpacked = match kernel.storage.in_place() {

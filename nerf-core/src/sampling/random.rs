@@ -59,9 +59,9 @@ pub(crate) fn pixel_stream(x: u32, y: u32) -> u64 {
 /// Fractional part of the golden ratio, in units of 2^-32.
 pub(crate) const GOLDEN: u32 = 0x9e37_79b9;
 
-/// Returns the rank of `index`, counted from 0, when all numbers `i` of `0..count` are sorted by `i · ratio` modulo
-/// 2^32. With a `ratio` such as [`GOLDEN`], the ranks are a low-discrepancy permutation of `0..count`, which spreads a
-/// pixel's rays.
+/// Sorts the numbers `i` in `0..count` by `i · ratio` modulo 2^32, and returns the position of `index` in the sorted
+/// order. The first position is 0. With a `ratio` such as [`GOLDEN`], the positions are a low-discrepancy permutation of
+/// `0..count`: it distributes rays evenly over a pixel.
 pub(crate) fn rank(ratio: u32, index: u32, count: u32) -> u32 {
     let own = index.wrapping_mul(ratio);
     (0..count).filter(|other| other.wrapping_mul(ratio) < own).count() as u32

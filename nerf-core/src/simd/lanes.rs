@@ -43,9 +43,10 @@ impl Indices for u32 {
 pub trait Lanes: Copy + sealed::Sealed {
     /// Number of lanes, a divisor of [`MAX_LANES`].
     const COUNT: usize;
-    /// Largest number of rows of `C` in a register tile of the matrix product `C = init + A B`.
+    /// Largest height, in rows, of a register tile of the matrix product: the block of the product that is accumulated
+    /// in registers.
     const TILE_ROWS: usize;
-    /// Largest number of vectors per row of `C` in a register tile of the matrix product.
+    /// Largest width, in vectors, of a register tile of the matrix product.
     const TILE_COLS: usize;
     /// Result of a comparison: true or false for each lane.
     type Mask: Copy;

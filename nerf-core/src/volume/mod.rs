@@ -201,16 +201,17 @@ impl Accumulator {
         collides
     }
 
-    /// Decides whether the last sample's colour is evaluated. The state holds the summed weights of the samples since
-    /// the last evaluated colour. If this sum exceeds `cut`, returns the sum and resets it to 0; else returns `None`.
+    /// Decides whether the colour of the sample that was just added is evaluated. The accumulator holds the sum of the
+    /// weights of all samples since the last evaluated colour, this sample's included. If this sum exceeds `cut`,
+    /// returns the sum and resets it to 0; else returns `None`.
     ///
-    /// If a sum is returned, the caller must evaluate the last sample's colour, and pass the sum and the colour to
-    /// [`Accumulator::add_colour`]. With deferred shading, the caller instead calls [`Accumulator::colour_all`] once,
-    /// at the end of the ray.
+    /// If a sum is returned, the caller must evaluate this sample's colour, and pass the sum and the colour to
+    /// [`Accumulator::add_colour`]. With deferred shading, no sample's colour is evaluated: the caller ignores the
+    /// returned sum, and calls [`Accumulator::colour_all`] once, at the end of the ray.
     ///
-    /// Samples of low weight thus get the colour of the next evaluated sample. Samples left without a colour have a
-    /// total weight of at most `cut`. If `cut` is 0 at every call, the result is the last sample's own weight, or
-    /// `None` for a weight of 0.
+    /// Samples of low weight thus get the colour of the next evaluated sample. At the end of the ray, samples without a
+    /// colour have a total weight of at most `cut`. If `cut` is 0 at every call, the result is this sample's own
+    /// weight, or `None` for a weight of 0.
     #[inline]
     pub fn take_uncoloured(&mut self, cut: f32) -> Option<f32> {
         (self.uncoloured > cut).then(|| core::mem::take(&mut self.uncoloured))

@@ -25,8 +25,8 @@ pub struct Audit {
     file: PathBuf,
     /// Data set: a .npz file or a folder, as for `fit`.
     data: PathBuf,
-    /// Count a component as worth its time if it raises PSNR by at least DB decibels, or if it saves over 10 % of
-    /// multiply-adds and lowers PSNR by less than DB.
+    /// Difference in PSNR that matters, dB: a component is worth its time if it gains at least this much, or if it loses
+    /// less and saves over 10 % of multiply-adds.
     #[arg(long, value_name = "DB", default_value_t = THRESHOLD_DB, allow_hyphen_values = true)]
     effect_threshold: f64,
     /// Split to evaluate.

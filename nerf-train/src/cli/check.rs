@@ -44,9 +44,8 @@ pub struct Check {
     /// unpredicted.txt.
     #[arg(long, short, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Cross-validate: fit the scene 8 times, each time without a different eighth of the photographs, and list the
-    /// photographs that are predicted worst when left out (unpredicted.txt). STEPS: training steps of a fit, 4000 if
-    /// not given.
+    /// Cross-validate in 8 folds: each fit holds out another eighth of the photographs. Lists the held-out photographs
+    /// that are predicted worst (unpredicted.txt). STEPS: training steps of a fit, 4000 if not given.
     #[arg(
         long,
         value_name = "STEPS",

@@ -77,7 +77,8 @@ pub struct Fit {
     settings: Settings,
     #[command(flatten)]
     table: TableSettings,
-    /// Ray-march steps across the longest side of the scene box; in an unbounded scene, across the uncontracted ball.
+    /// Ray-march steps across the longest side of the scene box; in an unbounded scene, across the inner ball, which is
+    /// not contracted.
     #[arg(long, value_name = "N", help_heading = super::options::grid::HEADING)]
     steps_across: Option<u16>,
     /// Maximum file size, such as 256k or 1m; table size, levels, storage and occupancy grid are chosen to fit.
@@ -110,11 +111,12 @@ struct Settings {
     /// Initial learning rate.
     #[arg(long, value_name = "RATE")]
     rate: Option<f64>,
-    /// Start from a full occupancy grid, not from the visual hull: the cells that no photograph shows as background.
+    /// Start with all cells of the occupancy grid occupied. Default: start with the visual hull, which leaves out cells
+    /// that a photograph shows as background.
     #[arg(long)]
     no_hull: bool,
-    /// Scene extent: box, contracted (unbounded) or auto (box if --box is given, or if the background of the
-    /// photographs is transparent or of one colour; else contracted).
+    /// Scene extent: box (bounded), contracted (unbounded, by scene contraction) or auto (box with --box, or if the
+    /// background of the photographs is transparent or of one colour; else contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     /// Scene box: lowest and highest corner, in the coordinates of the data [default: found from the data].

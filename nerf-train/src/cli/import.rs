@@ -60,7 +60,7 @@ pub struct Import {
     /// Occupancy grid with which the network was trained: .npy, booleans [x, y, z] over the scene box.
     #[arg(long, value_name = "FILE", conflicts_with = "no_occupancy")]
     occupancy: Option<PathBuf>,
-    /// Let renderers ignore the grid of --occupancy [default: they must use it, and take its false cells as empty].
+    /// Allow renderers to ignore the grid of --occupancy. Default: they must treat its false cells as empty.
     #[arg(long, requires = "occupancy")]
     occupancy_optional: bool,
     /// Build no occupancy grid; rendering then skips no empty space.

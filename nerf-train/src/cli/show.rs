@@ -65,8 +65,8 @@ pub struct Show {
         allow_hyphen_values = true
     )]
     scene_box: Option<[f32; 6]>,
-    /// Scene extent: box, contracted (unbounded) or auto (box if --box is given, or if the background of the
-    /// photographs is transparent or of one colour; else contracted).
+    /// Scene extent: box (bounded), contracted (unbounded, by scene contraction) or auto (box with --box, or if the
+    /// background of the photographs is transparent or of one colour; else contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]

@@ -39,7 +39,8 @@ pub struct Study {
     /// points.csv of another study, to plot its Pareto front too.
     #[arg(long, value_name = "CSV", requires = "report")]
     beside: Vec<PathBuf>,
-    /// Output scene file: a copy of the input with the Pareto front, for hosts that choose quality by loss or time.
+    /// Output scene file: a copy of the input with the Pareto front, from which a viewer can choose render settings by
+    /// loss of PSNR or by time.
     #[arg(long, short, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Write the Pareto front into the input file itself.

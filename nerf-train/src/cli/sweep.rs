@@ -208,14 +208,15 @@ pub struct SceneSweep {
     /// Samples per ray, a list to compare (networks without a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     samples: Vec<u16>,
-    /// Update each hashed level only every N steps, by its summed gradients; a list to compare (networks with a grid).
+    /// Update each hashed level only every N steps, by the sum of the gradients since its last update; a list to compare
+    /// (networks with a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     turns: Vec<u32>,
     /// Seed of the initial weights and of all random choices in training [default: the preset's].
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
-    /// Scene extent: box, contracted (unbounded) or auto (box if the background of the photographs is transparent or of
-    /// one colour, else contracted).
+    /// Scene extent: box (bounded), contracted (unbounded, by scene contraction) or auto (box if the background of the
+    /// photographs is transparent or of one colour; else contracted).
     #[arg(long, value_enum, default_value_t)]
     space: Space,
     #[command(flatten)]

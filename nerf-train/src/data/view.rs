@@ -164,12 +164,15 @@ impl Background {
         let mut total = 0u64;
         for view in views {
             let (width, height) = view.size();
-            for (index, p) in view.pixels.iter().enumerate() {
-                let (x, y) = (index as u32 % width, index as u32 / width);
-                let border = x == 0 || y == 0 || x + 1 == width || y + 1 == height;
-                if border && view.counts(index) {
-                    *counts.entry([p[0], p[1], p[2]]).or_default() += 1;
-                    total += 1;
+            for y in 0..height {
+                let is_whole = y == 0 || y + 1 == height;
+                for x in (0..width).step_by(if is_whole { 1 } else { (width as usize - 1).max(1) }) {
+                    let index = (y * width + x) as usize;
+                    if view.counts(index) {
+                        let [r, g, b, _] = view.pixels[index];
+                        *counts.entry([r, g, b]).or_default() += 1;
+                        total += 1;
+                    }
                 }
             }
         }

@@ -318,7 +318,7 @@ fn ask_rounding(
     let (unrounded, quality) = (Some(&*candidate.parameters), Quality::default());
     let unrounded = scores_of(session, draft, unrounded, &quality, thinned)?;
     let rounded = indices.iter().map(|&view| scores.views[view].clone()).collect();
-    let rounded = Scores { views: rounded, counters: scores.counters };
+    let rounded = Scores { views: rounded, ..*scores };
     Ok(unrounded.psnr_db().zip(rounded.psnr_db()).map(|(unrounded, rounded)| gain_db(unrounded, rounded)))
 }
 

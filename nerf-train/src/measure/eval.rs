@@ -34,6 +34,8 @@ pub struct ViewScore {
 pub struct Scores {
     pub views: Vec<ViewScore>,
     pub counters: Counters,
+    /// Seconds that rendering took, without scoring.
+    pub render_seconds: f64,
 }
 
 impl Scores {
@@ -73,9 +75,11 @@ pub fn evaluate<'v>(
     views: impl IntoIterator<Item = &'v View>,
     mut each: impl FnMut(&'v View, &Frame, &[[f32; 3]], &ViewScore),
 ) -> anyhow::Result<Scores> {
-    let mut scores = Scores { views: Vec::new(), counters: Counters::default() };
+    let mut scores = Scores { views: Vec::new(), counters: Counters::default(), render_seconds: 0.0 };
     for view in views {
+        let start = Instant::now();
         let frame = frame::render(renderer, plan, &view.camera)?;
+        scores.render_seconds += start.elapsed().as_secs_f64();
         let truth = view.composite_over(background);
         let (shown, expected) = (view.counted(&frame.rgb), view.counted(&truth));
         let score = ViewScore {
@@ -151,7 +155,6 @@ impl Evaluation {
         let (parameters, steps) = (blob.architecture().parameters(), blob.provenance().steps);
         let mut memory = vec![Line::UNINIT; Renderer::prepared_lines(&blob, kernel)];
         let renderer = Renderer::new(blob, kernel, &mut memory)?;
-        let start = Instant::now();
         let mut lattice_db = Vec::new();
         let asked = views.clone();
         let scores = evaluate(&renderer, &plan, background, views, |view, frame, truth, score| {
@@ -161,7 +164,6 @@ impl Evaluation {
             }
             each(view, frame, score);
         })?;
-        let render_seconds = start.elapsed().as_secs_f64();
         let surfaces = Surfaces::with(&renderer, &plan, &asked, points)?;
         let c = &scores.counters;
         let a_ray = |count: u64| count as f64 / c.rays.max(1) as f64;
@@ -180,7 +182,7 @@ impl Evaluation {
             steps,
             parameters,
             blob_bytes: bytes.len(),
-            render_seconds,
+            render_seconds: scores.render_seconds,
             density_evaluations_per_ray: a_ray(c.density_evaluations),
             colour_evaluations_per_ray: a_ray(c.colour_evaluations),
             proposal_evaluations_per_ray: a_ray(c.proposal_evaluations),

@@ -20,7 +20,8 @@ pub struct Gains {
     moment2: Vec<[f32; 3]>,
     steps: u32,
     on_trial: bool,
-    /// Whether gains are kept even if they hardly differ: the user asks, or the photographs contradict each other.
+    /// Whether gains are kept even if they hardly differ: if the user asks, or if held-out photographs showed that the
+    /// photographs contradict each other.
     own: bool,
 }
 

@@ -99,8 +99,8 @@ struct Columns<'a> {
     /// Position of each column's sample along the ray, in the unit of the plan's bins; the bin's index if
     /// [`in_middles`] is true.
     t: &'a mut Row,
-    /// Two rows: the distance that each sample contributes to the mean `ray_distance`, and the width of each sample's
-    /// interval. Both in world units.
+    /// Two rows, world units. First row: the distance of each sample along its ray, whose weighted mean is
+    /// `ray_distance`. Second row: width of each sample's interval.
     intervals: &'a mut [Row; 2],
     /// Least distance of a sample on each ray, world units ([`Plan::least_distance`]). Used in unbounded scenes only.
     near: &'a mut Row,

@@ -16,7 +16,8 @@ mod tests;
 pub(in crate::render) struct Normals<'w> {
     /// Index of each queued sample's ray, `[samples]`.
     owner: &'w mut [u32],
-    /// Distance of each queued sample along its ray, in the units of [`Density::t`]: `[samples]`.
+    /// Position of each queued sample along its ray, `[samples]`: world units, or the warped distance `s` in an unbounded
+    /// scene, as in [`Density::t`].
     t: &'w mut [f32],
     weight: &'w mut [f32],
     queued: usize,

@@ -8,13 +8,13 @@ use crate::system::memory;
 use clap::{Args, ValueEnum};
 use nerf_core::encoding::GridEncoding;
 
-pub const HEADING: &str = "Learned grid (--preset grid, whose values are the defaults)";
+pub const HEADING: &str = "Hash grid (--preset grid, whose values are the defaults)";
 
 /// Flags for the settings of a learned grid.
 #[derive(Debug, Args)]
 #[command(next_help_heading = HEADING)]
 pub struct TableSettings {
-    /// Size of a hash table: at most 2^K entries per level.
+    /// Binary logarithm of the hash table size: at most 2^K entries per level.
     #[arg(long, value_name = "K")]
     pub table: Option<u8>,
     /// Number of grid levels, from the coarsest to the finest resolution.
@@ -23,10 +23,10 @@ pub struct TableSettings {
     /// Features per level: 1, 2 or 4.
     #[arg(long, value_name = "F")]
     pub features: Option<u8>,
-    /// Cells along the longest side of the scene box or image, at the coarsest level.
+    /// Base resolution: cells along the longest side of the scene box or image, at the coarsest level.
     #[arg(long, value_name = "N")]
     pub coarsest: Option<u16>,
-    /// Cells along the longest side of the scene box or image, at the finest level.
+    /// Maximum resolution: cells along the longest side of the scene box or image, at the finest level.
     #[arg(long, value_name = "N")]
     pub finest: Option<u16>,
     /// Storage of the tables in the file; coded: entropy-coded bytes, quantised like int8 or more coarsely.

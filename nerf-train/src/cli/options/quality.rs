@@ -19,7 +19,8 @@ pub struct QualityOptions {
     /// Early ray termination: transmittance below which a ray ends; 0: never.
     #[arg(long, value_name = "T", default_value_t = Quality::default().transmittance_cut)]
     pub transmittance_cut: f32,
-    /// Sum of compositing weights per evaluation of colour: larger is faster, less exact; 0: evaluate at every sample.
+    /// Evaluate the colour network once per group of samples whose compositing weights add up to W: larger is faster, less
+    /// exact; 0: at every sample.
     #[arg(long, value_name = "W", default_value_t = Quality::default().colour_cut)]
     pub colour_cut: f32,
     /// Do not skip empty space: ignore the occupancy grid.
@@ -35,8 +36,8 @@ pub struct QualityOptions {
     /// recurrence (as polynomial, but sines of an encoding by angle doubling).
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Part of a ray to sample, without a learned grid: own (between the scene's near and far planes, as in training)
-    /// or whole (the whole scene box, for cameras at other distances than in training) [default: whole; own in eval].
+    /// Interval of a ray to sample (networks without a grid): own (from near to far, as in training) or whole (within the
+    /// scene box, for cameras at other distances than in training) [default: whole; own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,
 }

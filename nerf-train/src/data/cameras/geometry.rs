@@ -7,9 +7,9 @@ use nerf_core::space::{BoundsError, SceneBox};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Largest [`LookAt::spread`] of optical axes that count as parallel: about 0.5° from their common direction.
+/// Largest [`LookAt::spread`] of parallel cameras: their optical axes are about 0.5° from their mean direction.
 const PARALLEL: f64 = 1e-4;
-/// Limit on [`LookAt::spread`] below which a scene is forward-facing: axes about 8° from their common direction.
+/// [`LookAt::spread`] below which a scene is forward-facing: the optical axes are about 8° from their mean direction.
 const FORWARD_FACING: f64 = 0.02;
 /// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;
@@ -148,18 +148,16 @@ pub struct SceneBounds {
     pub scene_box: SceneBox,
 }
 
-/// Returns near and far distance, world units, and scene box of a data set. `None` if a distance is not stated and
-/// cannot be derived, because the look-at point is uncertain ([`LookAt::places_the_scene`]). Also `None` if `near` is
-/// not below `far`, or if the box is invalid ([`SceneBox::new`]).
+/// Returns near and far distance, world units, and scene box of a data set. `min`, `mean` and `max` below are the
+/// distances of the cameras from their common look-at point.
 ///
-/// `near` and `far` are the data set's own, if stated. Otherwise they follow from the distances of the cameras from
-/// their look-at point. If these distances are about 4 world units in a NeRF-synthetic, CS180 or tiny_nerf data set,
-/// `near` is 2 and `far` is 6, as usual for such data. In all other cases, `near` is half the smallest distance, and
-/// `far` is the sum of the largest and the mean distance, minus half the smallest distance.
+/// - `near` and `far`: the data set's own, if stated. Else 2 and 6 for NeRF-synthetic, CS180 and tiny_nerf data with
+///   cameras at about 4. Else `near = min / 2` and `far = max + mean − min / 2`.
+/// - Box: a cube around the look-at point, with half side `mean − near`. If the look-at point is uncertain
+///   ([`LookAt::places_the_scene`]), or if `mean` is at most `near`: the bounding box of all view frusta.
 ///
-/// The box is a cube around the look-at point; its half side is the mean distance minus `near`. If the look-at point is
-/// uncertain ([`LookAt::places_the_scene`]), or if the mean distance is at most `near`, the box encloses all view
-/// frusta from `near` to `far`.
+/// `None` if `near` or `far` is not stated and the look-at point is uncertain, if `near` is not below `far`, or if the
+/// box is invalid ([`SceneBox::new`]).
 pub fn scene_bounds(dataset: &Dataset) -> Option<SceneBounds> {
     let cameras: Vec<Camera> = dataset.cameras().copied().collect();
     bounds(&cameras, LookAt::of(&cameras).as_ref(), dataset)

@@ -141,8 +141,8 @@ pub struct CaptureConfig {
     /// Choice of whether pixels that show moving objects are left out of the loss: "auto" or "off". Unbounded scenes
     /// only.
     pub moving: MovingObjects,
-    /// Choice of whether some photographs are withheld from the first steps: "auto" or "off". The PSNR of the withheld
-    /// photographs is compared with the PSNR of the other photographs. The difference sets the weight decay.
+    /// Choice of whether some photographs are held out during the first steps only: "auto" or "off". The weight decay
+    /// follows from how much lower their PSNR is than the PSNR of the other photographs.
     pub withhold: Withholding,
 }
 

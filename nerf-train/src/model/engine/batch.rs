@@ -75,8 +75,8 @@ pub struct Batch {
     pub empty: Vec<[f32; 3]>,
     /// Weight of the loss term that pushes the density at the `empty` points to 0.
     pub empty_weight: f32,
-    /// Seed and training step of the random numbers of Russian roulette, which trains a random choice of the samples of
-    /// small compositing weight. `None`: no sample of small weight is trained. Used with a grid only.
+    /// Seed and training step of the random numbers of Russian roulette: a random subset of the samples of small
+    /// compositing weight is trained. `None`: no sample of small weight is trained. Used with a grid only.
     pub roulette: Option<(u64, u64)>,
     /// Known surfaces of the batch's first rays, one per ray; later rays have none. Used with a grid only.
     pub surfaces: Vec<Surface>,

@@ -10,7 +10,7 @@ use nerf_core::sampling::{Purpose, uniform};
 /// Kept samples of a chunk, ray after ray.
 #[derive(Default)]
 pub(super) struct Samples {
-    /// Row of each kept sample in [`Evaluated`].
+    /// Index of each kept sample's row in [`Evaluated`].
     pub row: Vec<u32>,
     /// Index in the chunk of each kept sample's ray.
     pub ray: Vec<u32>,

@@ -22,7 +22,8 @@ const MAX_PHOTOGRAPHS: usize = 300;
 const MAX_GROWTH: f64 = 1.25;
 /// Difference between fy / fx and 1 below which pixels are taken as square.
 const SQUARE: f64 = 0.02;
-/// Version of the adjustment, part of the checksum: a new version makes existing files of shared cameras invalid.
+/// Version of the bundle adjustment, part of the checksum of a file of shared cameras: a new version makes existing files
+/// invalid.
 const VERSION: u64 = 1;
 
 /// Merges the cameras (sets of intrinsics) of each device and adjusts the reconstruction. Returns true, and adds a note
