@@ -255,8 +255,8 @@ pub(crate) struct Prepared<F, B> {
 }
 
 impl Prepared<usize, usize> {
-    /// Counts the network parameters and table values of `blob` that `kernel` cannot read in place, so that the renderer
-    /// must hold a copy of them.
+    /// Counts the network parameters and table values of `blob` that `kernel` cannot read in place, and of which the
+    /// renderer must therefore hold a copy.
     #[inline]
     pub fn measure(blob: &Blob<'_>, kernel: Kernel) -> Self {
         let unpacked = match kernel.storage.in_place() {

@@ -49,8 +49,8 @@ const MOST_LOG2_ENTRIES: u8 = 19;
 /// Upper limit, in [`for_pixels`], of the ratio of a scene's pixels to [`PRESET_PIXELS`]. Without a limit, the ratio
 /// would grow without bound as cameras come near the middle of the box.
 const MOST_PIXELS: f32 = 8.0;
-/// Multiple to which the finest level's number of cells is rounded, so that photographs of almost the same size have the
-/// same grid.
+/// Multiple to which the finest level's number of cells along the longest side is rounded, so that data sets whose
+/// photographs are almost the same size have the same grid.
 const ROUNDED_CELLS: f32 = 32.0;
 /// Multiple to which the number of march steps across the scene box is rounded.
 const ROUNDED_STEPS: f32 = 10.0;

@@ -79,7 +79,7 @@ impl Pace {
 
     /// Returns the stride N at which views are measured, for validation during training and for comparisons of export
     /// candidates: every N-th pixel of every N-th row. As in [`Self::lattice`], but at most about `PIXELS_A_VIEW` pixels
-    /// of the `largest` view are measured.
+    /// of a view of `largest` pixels are measured.
     pub fn lattice_on_the_way(&self, pixels: u64, largest: u64, seconds: f64) -> u32 {
         lattice_of(largest, PIXELS_A_VIEW as f64).max(self.lattice(pixels, largest, seconds))
     }

@@ -255,8 +255,8 @@ fn most_sides(extent: Vec3, resolution: u16) -> [u16; 3] {
     std::array::from_fn(|axis| whole[axis].max(2 * half[axis]))
 }
 
-/// Returns an upper bound on the size of a run's exported file, bytes: the file has as many stored render settings (its
-/// Pareto front) as possible, and every number has the longest encoding. `extent`: sides of the scene box, world units.
+/// Returns an upper bound on the size of a run's exported file, bytes. It assumes as many stored render settings (the
+/// Pareto front) as possible, and the longest encoding of every number. `extent`: sides of the scene box, world units.
 pub fn most_bytes(config: &Config, extent: Vec3, dataset: &Dataset) -> Result<u64, BlobError> {
     let resolution = most_sides(extent, config.occupancy_resolution(extent));
     let bits = vec![0; StoredOccupancy::bytes(resolution)];

@@ -20,8 +20,8 @@ pub struct Gains {
     moment2: Vec<[f32; 3]>,
     steps: u32,
     on_trial: bool,
-    /// Whether gains are kept even if they hardly differ: if the user asks, or if held-out photographs showed that the
-    /// photographs contradict each other.
+    /// Whether the photographs' exposure gains are kept even if they are almost equal: if the user asks, or if held-out
+    /// photographs showed that the photographs contradict each other.
     own: bool,
 }
 

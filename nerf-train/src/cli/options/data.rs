@@ -30,8 +30,8 @@ pub struct DataOptions {
     /// for a trained scene, no limit].
     #[arg(long, value_name = "T")]
     pub near: Option<f32>,
-    /// Distance along a ray at which sampling ends, world units; in training of an unbounded scene, distance from the
-    /// scene's centre [default: as for --near].
+    /// Distance along a ray at which sampling ends, world units; in training of an unbounded scene, sampling ends at this
+    /// distance from the scene's centre [default: as for --near].
     #[arg(long, value_name = "T")]
     pub far: Option<f32>,
     /// Layout of a folder: transforms (Blender, nerfstudio, instant-ngp), colmap or llff [default: the first that
@@ -42,9 +42,9 @@ pub struct DataOptions {
     /// Blender].
     #[arg(long, value_name = "N", default_value = "auto", hide_default_value = true)]
     pub downscale: Downscale,
-    /// Intrinsics of a COLMAP reconstruction: shared (one set per device; if COLMAP has one per photograph, bundle
-    /// adjustment is run again with shared intrinsics) or own (COLMAP's, for a zoom lens) [default: shared; for a
-    /// trained scene, as trained].
+    /// Intrinsics of a COLMAP reconstruction: shared (one set per physical camera; if COLMAP has a set per photograph,
+    /// bundle adjustment is run again with shared ones) or own (COLMAP's unchanged, for a zoom lens) [default: shared;
+    /// for a trained scene, as trained].
     #[arg(long, value_name = "WHICH")]
     pub cameras: Option<Cameras>,
     /// Allow transforms files to name images outside the data set's folder.

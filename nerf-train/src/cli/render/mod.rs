@@ -74,7 +74,7 @@ pub struct Render {
     /// Video along a smooth path through these views of --data, by index from 0.
     #[arg(long, value_name = "I,J,…", value_delimiter = ',', requires = "data", conflicts_with = "view")]
     keyframes: Vec<usize>,
-    /// Number of frames of a video, with --keyframes or --path FILE.json [default: 120; as in the file].
+    /// Number of frames of a video, with --keyframes or --path FILE.json [default: 120; with --path, the file's].
     #[arg(long, value_name = "N")]
     frames: Option<usize>,
     /// Orbit video with this many frames; swings back and forth if the photographs show only one side.

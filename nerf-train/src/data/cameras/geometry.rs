@@ -7,9 +7,10 @@ use nerf_core::space::{BoundsError, SceneBox};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Largest [`LookAt::spread`] of parallel cameras: their optical axes are about 0.5° from their mean direction.
+/// Largest [`LookAt::spread`] of parallel cameras. At this value, optical axes are about 0.5° from their mean direction.
 const PARALLEL: f64 = 1e-4;
-/// [`LookAt::spread`] below which a scene is forward-facing: the optical axes are about 8° from their mean direction.
+/// [`LookAt::spread`] below which a scene is forward-facing. At this value, optical axes are about 8° from their mean
+/// direction.
 const FORWARD_FACING: f64 = 0.02;
 /// Number of reweighted least-squares iterations that minimise the sum of distances from the look-at point to the axes.
 const ROUNDS: usize = 20;

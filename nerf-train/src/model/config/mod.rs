@@ -141,8 +141,8 @@ pub struct CaptureConfig {
     /// Choice of whether pixels that show moving objects are left out of the loss: "auto" or "off". Unbounded scenes
     /// only.
     pub moving: MovingObjects,
-    /// Choice of whether some photographs are held out during the first steps only: "auto" or "off". The weight decay
-    /// follows from how much lower their PSNR is than the PSNR of the other photographs.
+    /// "auto": some photographs are held out during the first steps only, and the weight decay grows with the gap between
+    /// their PSNR and that of the other photographs. "off": none are held out, and the weight decay stays as set.
     pub withhold: Withholding,
 }
 

@@ -50,7 +50,7 @@ impl Lattice {
         Ok(found.into_iter().enumerate().map(depth).collect())
     }
 
-    /// Returns the point of the box that is nearest to `point`. The box excludes the outer layer of cubes.
+    /// Returns the point nearest to `point` in the lattice without its outermost layer of cubes.
     pub fn clamp(&self, point: Vec3) -> Vec3 {
         let last = self.cells.map(|count| count - 1);
         point.clamp(self.corner([1; 3]), self.corner(last))

@@ -116,8 +116,8 @@ fn group_distances<V: Lanes>(first: f32, step: f32, base: u32, from: usize) -> V
     V::splat(first).add(number.mul(V::splat(step)))
 }
 
-/// Returns a mask with one bit per lane: whether the lane's point is in an occupied cell. `at`: the points in cells, minus
-/// one half, so that rounding gives the cell's indices. `last`: largest index on each axis. A point outside the box has
+/// Returns a mask with one bit per lane: whether the lane's point is in an occupied cell. `at`: the points in units of
+/// cells, minus one half, so that rounding gives the cell's indices. `last`: largest index on each axis. A point outside the box has
 /// the bit of the nearest cell.
 #[inline(always)]
 fn occupied<V: Lanes>(bits: &[u8], resolution: [u32; 3], last: [f32; 3], at: [V; 3]) -> u32 {
