@@ -206,8 +206,8 @@ impl Accumulator {
     /// returns the sum and resets it to 0; else returns `None`.
     ///
     /// If a sum is returned, the caller must evaluate this sample's colour, and pass the sum and the colour to
-    /// [`Accumulator::add_colour`]. With deferred shading, no sample's colour is evaluated: the caller ignores the
-    /// returned sum, and calls [`Accumulator::colour_all`] once, at the end of the ray.
+    /// [`Accumulator::add_colour`]. With deferred shading, the sum is instead the weight of this sample's features in the
+    /// features of the ray, and the caller calls [`Accumulator::colour_all`] once, at the end of the ray.
     ///
     /// Samples of low weight thus get the colour of the next evaluated sample. At the end of the ray, samples without a
     /// colour have a total weight of at most `cut`. If `cut` is 0 at every call, the result is this sample's own

@@ -60,7 +60,7 @@ struct Lists {
     /// Exponents N of hash table sizes: at most 2^N entries per level; a list to compare (networks with a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     table: Vec<u8>,
-    /// Numbers of resolution levels of the learned grid, a list to compare (networks with a grid).
+    /// Numbers of resolution levels of the hash grid, a list to compare (networks with a grid).
     #[arg(long, value_name = "N,N,…", value_delimiter = ',', num_args = 1)]
     grid_levels: Vec<u8>,
     /// Features per level: 1, 2 or 4; a list to compare (networks with a grid).

@@ -59,7 +59,7 @@ pub struct DataOptions {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Space {
     /// A box if the background of the photographs is transparent or of one colour, or if a box is given; else
-    /// unbounded. Without a learned grid, or without empty-space skipping, always a box.
+    /// unbounded. Without a hash grid, or without empty-space skipping, always a box.
     #[default]
     Auto,
     /// The scene ends at a box.

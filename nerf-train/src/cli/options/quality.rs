@@ -13,7 +13,7 @@ use std::path::Path;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Quality and speed")]
 pub struct QualityOptions {
-    /// Samples per ray; with a learned grid, march steps on the diagonal of the scene box [default: the scene file's].
+    /// Samples per ray; with a hash grid, march steps on the diagonal of the scene box [default: the scene file's].
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
     pub samples: u16,
     /// Early ray termination: transmittance below which a ray ends; 0: never.
@@ -36,7 +36,7 @@ pub struct QualityOptions {
     /// recurrence (as polynomial, but sines of an encoding by angle doubling).
     #[arg(long, value_name = "BACKEND", default_value = "polynomial", value_parser = parse_math)]
     pub math: MathBackend,
-    /// Interval of a ray to sample (networks without a grid): own (from near to far, as in training) or whole (within the
+    /// Interval of a ray to sample (networks without a hash grid): own (from near to far, as in training) or whole (within the
     /// scene box, for cameras at other distances than in training) [default: whole; own in eval].
     #[arg(long, value_enum, value_name = "WHICH")]
     pub bins: Option<WhichBins>,

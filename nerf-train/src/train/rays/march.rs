@@ -117,8 +117,8 @@ fn group_distances<V: Lanes>(first: f32, step: f32, base: u32, from: usize) -> V
 }
 
 /// Returns a mask with one bit per lane: whether the lane's point is in an occupied cell. `at`: the points in units of
-/// cells, minus one half, so that rounding gives the cell's indices. `last`: largest index on each axis. A point outside the box has
-/// the bit of the nearest cell.
+/// cells, minus one half, so that rounding gives the cell's indices. `last`: largest index on each axis. A point outside
+/// the box has the bit of the nearest cell.
 #[inline(always)]
 fn occupied<V: Lanes>(bits: &[u8], resolution: [u32; 3], last: [f32; 3], at: [V; 3]) -> u32 {
     let mut index = V::Indices::splat(0);
