@@ -58,7 +58,7 @@ pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'
     if g.m == 0 || g.n == 0 {
         return;
     }
-    assert!(g.n.is_multiple_of(isa.columns()), "gemm: n is a multiple of {}", isa.columns());
+    assert!(isa.fills(g.n), "gemm: n is a multiple of {}", isa.columns());
     let (last_row, last_col) = (g.m - 1, g.k.saturating_sub(1));
     // An overflow must be an error, since `tile` reads A and B through raw pointers.
     let reach =
@@ -73,7 +73,7 @@ pub fn gemm(isa: Isa, g: Gemm, a: &[f32], b: &[f32], c: &mut [f32], init: Init<'
     if let Init::Bias(bias) = init {
         assert!(bias.len() >= g.m, "gemm: bias is too short");
     }
-    isa.run(Product { g, a, b, c, init, relu });
+    isa.run_columns(g.n, Product { g, a, b, c, init, relu });
 }
 
 /// Arguments of [`gemm`], which has checked that every slice is long enough.
@@ -112,13 +112,15 @@ impl Product<'_> {
     /// Computes `ROWS` rows of C from `row` on, tile by tile.
     #[inline(always)]
     fn panel<V: Lanes, const ROWS: usize>(&mut self, row: usize) {
+        // One row leaves registers for four columns, and four sums at once hide the latency of an addition.
+        let most = if ROWS == 1 { 4 } else { V::TILE_COLS };
         let mut col = 0;
         while col < self.g.n {
             let left = (self.g.n - col) / V::COUNT;
-            if V::TILE_COLS >= 4 && left >= 4 {
+            if most >= 4 && left >= 4 {
                 self.tile::<V, ROWS, 4>(row, col);
                 col += 4 * V::COUNT;
-            } else if V::TILE_COLS >= 2 && left >= 2 {
+            } else if most >= 2 && left >= 2 {
                 self.tile::<V, ROWS, 2>(row, col);
                 col += 2 * V::COUNT;
             } else {

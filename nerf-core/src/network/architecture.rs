@@ -227,23 +227,19 @@ impl Architecture {
 
     /// Multiply-adds of one density evaluation (trunk and density head).
     pub fn density_macs(&self) -> usize {
-        self.macs(|role| matches!(role, Role::Trunk(_) | Role::Density))
+        density_macs(&self.layers())
     }
 
     /// Multiply-adds of one colour evaluation: hidden colour layers and colour head. The trunk is not counted.
     pub fn colour_macs(&self) -> usize {
-        self.macs(|role| matches!(role, Role::Colour(_) | Role::Rgb))
+        colour_macs(&self.layers())
     }
 
     /// Multiply-adds of one gradient of the raw density: forward and backward pass through the trunk.
     ///
     /// The density head needs no multiply-adds: the backward pass begins with a copy of the head's weights.
     pub fn gradient_macs(&self) -> usize {
-        2 * self.macs(|role| matches!(role, Role::Trunk(_)))
-    }
-
-    fn macs(&self, of: fn(Role) -> bool) -> usize {
-        self.layers().iter().filter(|layer| of(layer.role)).map(Layer::macs).sum()
+        gradient_macs(&self.layers())
     }
 
     /// Number of table entries that one evaluation of the grid encoding reads: the corners of one cell per level. 0 for
@@ -262,6 +258,25 @@ impl Architecture {
     pub fn trunk_width(&self) -> usize {
         self.trunk.iter().map(|layer| usize::from(layer.width)).max().unwrap_or(0)
     }
+}
+
+/// [`Architecture::density_macs`] of the network with these layers.
+pub(super) fn density_macs(layers: &Layers) -> usize {
+    macs(layers, |role| matches!(role, Role::Trunk(_) | Role::Density))
+}
+
+/// [`Architecture::colour_macs`] of the network with these layers.
+pub(super) fn colour_macs(layers: &Layers) -> usize {
+    macs(layers, |role| matches!(role, Role::Colour(_) | Role::Rgb))
+}
+
+/// [`Architecture::gradient_macs`] of the network with these layers.
+pub(super) fn gradient_macs(layers: &Layers) -> usize {
+    2 * macs(layers, |role| matches!(role, Role::Trunk(_)))
+}
+
+fn macs(layers: &Layers, of: impl Fn(Role) -> bool) -> usize {
+    layers.iter().filter(|layer| of(layer.role)).map(Layer::macs).sum()
 }
 
 fn check_inputs(field: &'static str, found: u8, expected: u8) -> Result<(), ArchitectureError> {

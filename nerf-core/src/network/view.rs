@@ -3,7 +3,8 @@
 //! This file is longer than 400 lines, since trunk, density head and colour branch share one block's memory.
 
 use super::architecture::{
-    Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role,
+    Architecture, DensityActivation, EXPONENTIAL_LIMIT, Layer, Layers, PER_RAY_BUILT, Role, colour_macs,
+    density_macs,
 };
 use super::weights::Weights;
 use crate::encoding::{
@@ -134,6 +135,16 @@ impl<'a> Network<'a> {
         if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
     }
 
+    /// Returns the number of columns, a multiple of [`Network::columns`], with which a block of `n` samples takes the
+    /// least time; at least `n`.
+    pub(crate) fn padded(&self, n: usize) -> usize {
+        if let Weights::Paired(_) = self.weights() {
+            n.next_multiple_of(MAX_LANES)
+        } else {
+            self.isa.padded(n)
+        }
+    }
+
     /// Number of rows of [`Scratch::encoded`]: outputs of the position or the direction encoding, whichever has more.
     pub fn encoded_rows(&self) -> usize {
         let direction = self.architecture.direction.map_or(0, |direction| direction.outputs());
@@ -161,6 +172,22 @@ impl<'a> Network<'a> {
     fn direction_layer(&self) -> Option<&Layer> {
         self.architecture.direction?;
         self.layers.iter().find(|layer| matches!(layer.role, Role::Colour(0) | Role::Rgb))
+    }
+
+    /// Multiply-adds of one density evaluation ([`Architecture::density_macs`]).
+    pub(crate) fn density_macs(&self) -> usize {
+        density_macs(&self.layers)
+    }
+
+    /// Multiply-adds of one colour evaluation, without those of [`Network::direction`].
+    pub(crate) fn colour_macs(&self) -> usize {
+        colour_macs(&self.layers) - self.direction_macs()
+    }
+
+    /// Multiply-adds of one gradient of the density ([`Architecture::gradient_macs`]).
+    #[cfg(feature = "normals")]
+    pub(crate) fn gradient_macs(&self) -> usize {
+        super::architecture::gradient_macs(&self.layers)
     }
 
     /// Multiply-adds of [`Network::direction`] for one ray; 0 without view dependence.
@@ -323,7 +350,7 @@ impl<'a> Network<'a> {
         let hidden = || self.layers.iter().filter(|layer| matches!(layer.role, Role::Colour(_)));
         let Some(to_rgb) = self.layers.iter().find(|layer| layer.role == Role::Rgb) else { return false };
         // The direction needs a hidden layer, and hidden layers must fill whole vectors.
-        if hidden().count() == 0 || hidden().any(|layer| !layer.outputs.is_multiple_of(isa.columns())) {
+        if hidden().count() == 0 || hidden().any(|layer| !isa.fills(layer.outputs)) {
             return false;
         }
         if let Some(encoding) = &self.architecture.direction {

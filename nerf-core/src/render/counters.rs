@@ -41,13 +41,13 @@ impl Counters {
     pub(super) fn add_density(&mut self, network: &Network<'_>, n: usize) {
         self.samples_kept += n as u64;
         self.density_evaluations += n as u64;
-        self.macs += (n * network.architecture().density_macs()) as u64;
+        self.macs += (n * network.density_macs()) as u64;
     }
 
     /// Counts `n` evaluations of the colour branch, without the multiply-adds that depend on the direction alone.
     pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
         self.colour_evaluations += n as u64;
-        self.macs += (n * (network.architecture().colour_macs() - network.direction_macs())) as u64;
+        self.macs += (n * network.colour_macs()) as u64;
     }
 
     /// Returns `colour`, or black if a channel of `colour` is NaN. A NaN colour is counted as invalid.
@@ -63,7 +63,7 @@ impl Counters {
     #[cfg(feature = "normals")]
     pub(super) fn add_normals(&mut self, network: &Network<'_>, n: usize) {
         self.normal_evaluations += n as u64;
-        self.macs += (n * network.architecture().gradient_macs()) as u64;
+        self.macs += (n * network.gradient_macs()) as u64;
     }
 }
 

@@ -23,7 +23,7 @@ impl Field<'_> {
     /// Returns the number of columns of the activation matrices for a block of `n` samples. Most kernels need a
     /// multiple of [`Network::columns`]: `n` is then rounded up, and the added columns are padding.
     pub fn columns(&self, n: usize) -> usize {
-        if self.network.whole_blocks() { n.next_multiple_of(self.network.columns()) } else { n }
+        if self.network.whole_blocks() { self.network.padded(n) } else { n }
     }
 
     /// Whether colour is requested and the colour branch is evaluated once per ray (deferred shading).

@@ -80,17 +80,39 @@ impl Isa {
     pub fn columns(self) -> usize {
         match self {
             #[cfg(target_arch = "x86_64")]
-            Self::Avx2 if self.available() => 8,
+            Self::Avx2 | Self::Avx512 if self.available() => 8,
             Self::Simd128 | Self::Neon if self.available() => 8,
             _ => MAX_LANES,
         }
+    }
+
+    /// Whether `columns` is a multiple of [`Isa::columns`].
+    #[inline]
+    pub fn fills(self, columns: usize) -> bool {
+        // A division by a constant is a bit mask.
+        if self.columns() == 8 { columns.is_multiple_of(8) } else { columns.is_multiple_of(MAX_LANES) }
+    }
+
+    /// Returns the number of columns, a multiple of [`Isa::columns`], with which a block of `n` samples takes the least
+    /// time; at least `n`.
+    #[inline]
+    pub fn padded(self, n: usize) -> usize {
+        // More than half a vector of AVX-512 fills a whole one.
+        let half = self.columns() == 8 && (self != Self::Avx512 || n <= 8);
+        if half { n.next_multiple_of(8) } else { n.next_multiple_of(MAX_LANES) }
     }
 
     /// Runs `op`, a loop over `columns` samples: in vectors ([`Isa::run`]) if `columns` is a multiple of
     /// [`Isa::columns`], else one sample at a time. Builds without `VECTORS` always take one sample at a time.
     #[inline]
     pub fn run_columns<O: Op>(self, columns: usize, op: O) -> O::Output {
-        if VECTORS && columns.is_multiple_of(self.columns()) { self.run(op) } else { op.run::<f32>() }
+        match self {
+            _ if !VECTORS || !self.fills(columns) => op.run::<f32>(),
+            // Half a vector of AVX-512 is a vector of AVX2, whose results have the same bits.
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 if !columns.is_multiple_of(MAX_LANES) => Self::Avx2.run(op),
+            _ => self.run(op),
+        }
     }
 
     /// Runs `op` over `columns` samples in the widest vectors that give results bit-identical to [`Isa::Portable`].

@@ -33,10 +33,10 @@ pub fn encode_grid_block(
 ) {
     let x = head(x, usize::from(grid.inputs) * stride);
     let out = head_mut(out, grid.outputs() * stride);
-    if !VECTORS || !stride.is_multiple_of(isa.columns()) {
+    if !VECTORS || !isa.fills(stride) {
         return encode_one_by_one(grid, tables, stride, x, out);
     }
-    with_table!(tables.values, table => isa.run(Encode { grid, tables, table, stride, x, out }));
+    with_table!(tables.values, table => isa.run_columns(stride, Encode { grid, tables, table, stride, x, out }));
 }
 
 /// Encodes one sample and one level at a time, with a run-time number of features: for blocks that are not a multiple of
@@ -129,18 +129,13 @@ fn encode_level<V: Lanes, T: Value, const ROWS: usize, const FEATURES: usize>(
     for &unit in units {
         let _ = reads.push(Read::of(level, unit));
     }
-    let mut rows = tail_mut(out, level.index * features * stride).chunks_exact_mut(stride);
-    let mut to: [_; 4] = core::array::from_fn(|_| {
-        let row = rows.next().map(|row| tail_mut(row, first));
-        row.unwrap_or_default().chunks_exact_mut(V::COUNT)
-    });
+    let mut column = level.index * features * stride + first;
     for read in &*reads {
         let values = read.interpolate(table, level, features);
-        for (to, value) in to.iter_mut().zip(values).take(features) {
-            if let Some(to) = to.next() {
-                value.store(to);
-            }
+        for (feature, value) in values.into_iter().enumerate().take(features) {
+            value.store(tail_mut(out, column + feature * stride));
         }
+        column += V::COUNT;
     }
 }
 

@@ -63,7 +63,7 @@ impl<'a> Proposer<'a> {
 
     /// Returns the number of multiply-adds of one evaluation of the proposal network; 0 without a proposal network.
     pub fn macs(&self) -> u64 {
-        self.network().map_or(0, |network| network.architecture().density_macs() as u64)
+        self.network().map_or(0, |network| network.density_macs() as u64)
     }
 
     /// Number of values stored per ray: one per drawn sample and one per proposal bin. 0 if `plan` uses no proposal.
