@@ -3,7 +3,17 @@
 //! Results equal those of the one-lane vector `f32` bit for bit. The compiler vectorises the loops over lanes.
 
 use super::{Indices, Lanes};
-use core::array::from_fn;
+
+/// Returns `[f(0), …, f(15)]`. Not [`core::array::from_fn`], which is not always inlined: what is not inlined is not
+/// compiled for the instruction set of [`run_portable`](super::Isa::run_portable).
+#[inline(always)]
+fn from_fn<T: Copy + Default>(f: impl Fn(usize) -> T) -> [T; 16] {
+    let mut values = [T::default(); 16];
+    for (i, value) in values.iter_mut().enumerate() {
+        *value = f(i);
+    }
+    values
+}
 
 #[derive(Clone, Copy)]
 pub struct Portable([f32; 16]);
@@ -24,8 +34,8 @@ impl Lanes for Portable {
     }
     #[inline(always)]
     fn split_exponent(self) -> (Self, Self) {
-        let parts = self.0.map(Lanes::split_exponent);
-        (Self(parts.map(|p| p.0)), Self(parts.map(|p| p.1)))
+        let parts = from_fn(|i| self.0[i].split_exponent());
+        (Self(from_fn(|i| parts[i].0)), Self(from_fn(|i| parts[i].1)))
     }
     methods! {
         fn splat(x: f32) -> Self = Self([x; 16]);
@@ -37,15 +47,15 @@ impl Lanes for Portable {
         fn mul_add(self, b: Self, c: Self) -> Self = self.mul(b).add(c);
         fn max_of(self, b: Self) -> Self = Self(from_fn(|i| self.0[i].max_of(b.0[i])));
         fn min_of(self, b: Self) -> Self = Self(from_fn(|i| self.0[i].min_of(b.0[i])));
-        fn sqrt(self) -> Self = Self(self.0.map(Lanes::sqrt));
-        fn abs(self) -> Self = Self(self.0.map(Lanes::abs));
-        fn round_even(self) -> Self = Self(self.0.map(Lanes::round_even));
-        fn exp2_integer(self) -> Self = Self(self.0.map(Lanes::exp2_integer));
+        fn sqrt(self) -> Self = Self(from_fn(|i| self.0[i].sqrt()));
+        fn abs(self) -> Self = Self(from_fn(|i| self.0[i].abs()));
+        fn round_even(self) -> Self = Self(from_fn(|i| self.0[i].round_even()));
+        fn exp2_integer(self) -> Self = Self(from_fn(|i| self.0[i].exp2_integer()));
         fn equals(self, b: Self) -> [bool; 16] = from_fn(|i| self.0[i] == b.0[i]);
         fn less(self, b: Self) -> [bool; 16] = from_fn(|i| self.0[i] < b.0[i]);
         fn select(mask: [bool; 16], a: Self, b: Self) -> Self =
             Self(from_fn(|i| if mask[i] { a.0[i] } else { b.0[i] }));
-        fn to_indices(self) -> PortableIndices = PortableIndices(self.0.map(|x| x as u32));
+        fn to_indices(self) -> PortableIndices = PortableIndices(from_fn(|i| self.0[i] as u32));
     }
 }
 
@@ -60,7 +70,7 @@ impl Indices for PortableIndices {
         fn xor(self, b: Self) -> Self = Self(from_fn(|i| self.0[i] ^ b.0[i]));
         fn and(self, b: Self) -> Self = Self(from_fn(|i| self.0[i] & b.0[i]));
         fn min(self, b: Self) -> Self = Self(from_fn(|i| Ord::min(self.0[i], b.0[i])));
-        fn shift_right_15(self) -> Self = Self(self.0.map(|x| x >> 15));
+        fn shift_right_15(self) -> Self = Self(from_fn(|i| self.0[i] >> 15));
         fn store(self, to: &mut [u32; 16]) = *to = self.0;
     }
 }

@@ -1,9 +1,9 @@
 //! Ray marching: fills each block with the active rays' next samples in occupied cells.
 //!
 //! Usually a block holds at most one sample of each ray: the ray's transmittance is then known before its next sample
-//! is evaluated. If fewer rays are active than a vector has lanes, each ray puts several samples into the block, in
-//! columns that would otherwise be padding. If one of these samples ends the ray, the ray's later samples are dropped
-//! and not counted: pixels and counters do not depend on the number of samples that a ray puts into a block.
+//! is evaluated. If fewer than [`MAX_LANES`] rays are active, each ray puts several samples into the block. If one of
+//! these samples ends the ray, the ray's later samples are dropped and not counted: pixels and counters do not depend on
+//! the number of samples that a ray puts into a block.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
@@ -169,18 +169,12 @@ impl<'f, 'w> Rays<'f, 'w> {
         let [t_min, t_max] = source.range(pixel.0, pixel.1, &ray);
         let range = plan.range_of(t_min, t_max);
         pixels.counters.rays += 1;
-        let intervals = match self.packets.first() {
-            Some(Some(packets)) => packets.intervals_of(isa, core::slice::from_ref(&ray)),
-            _ => Some(Intervals::ALL),
-        };
-        let Some(intervals) = intervals else {
-            return pixels.miss(pixel, source.far(&ray).min(range[1]), target);
-        };
         let Some(state) = self.states.get_mut(self.hits) else { return };
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         // Cells outside of `around` are empty. Most rays of most images miss `around` and have no span.
         let span = around.and_then(|around| Span::new(plan, &around, &ray, range));
-        begin::<COLLIDE>(plan, pixel, (ray, range, span), &intervals, source, state);
+        // No packet test, which takes a single ray longer than the windows that it saves.
+        begin::<COLLIDE>(plan, pixel, (ray, range, span), &Intervals::ALL, source, state);
         let (drawn, meets_box) = (self.samples.is_on(), state.next < state.end);
         // A proposal is evaluated in the middle of its bins.
         let jitter = if drawn { SampleJitter::MIDDLE } else { state.pixel.jitter(plan, self.turn) };
@@ -215,15 +209,15 @@ impl<'f, 'w> Rays<'f, 'w> {
     /// Fills a block with at most `room` samples of the active rays and returns the number of samples. Passes each
     /// sample's column, ray index and position along the ray ([`ProposalSamples::take`]) to `put`.
     ///
-    /// Usually each ray contributes one sample. If fewer rays are active than a vector has lanes, each ray contributes
-    /// several samples. Without a transmittance cut and without collisions, no sample can end a ray: each ray then
+    /// Usually each ray contributes one sample. If fewer than [`MAX_LANES`] rays are active, each ray contributes several
+    /// samples, but not more than the smallest block has columns. Without a transmittance cut and without collisions, no sample can end a ray: each ray then
     /// contributes all its remaining samples, up to the room in the block. `COLLIDE`: whether rays end at random
     /// collisions.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {
             _ if plan.transmittance_cut == 0.0 && !COLLIDE => room,
-            columns => (columns / self.active.len().max(1)).max(1),
+            columns => (MAX_LANES / self.active.len().max(1)).clamp(1, columns),
         };
         let mut n = 0;
         while n < room {
