@@ -188,12 +188,16 @@ pub(crate) unsafe fn read_versioned<T: Versioned>(at: *const T) -> Result<T, Fai
             return Err(Failure::Reserved(T::NAME));
         }
     }
+    if size >= size_of::<T>() {
+        // SAFETY: `at` is not NULL, is aligned, and `size` bytes are readable (`size_of_versioned`). Any bytes are a
+        // value (`Versioned`).
+        return Ok(unsafe { at.read() });
+    }
     let mut value = MaybeUninit::<T>::zeroed();
-    let known = size.min(size_of::<T>());
-    // SAFETY: `at` is not NULL, and `known` bytes are readable (`size_of_versioned`). Fields that an older caller's
+    // SAFETY: `at` is not NULL, and `size` bytes are readable (`size_of_versioned`). Fields that an older caller's
     // structure lacks stay zero, and any bytes are a value (`Versioned`).
     unsafe {
-        at.cast::<u8>().copy_to_nonoverlapping(value.as_mut_ptr().cast(), known);
+        at.cast::<u8>().copy_to_nonoverlapping(value.as_mut_ptr().cast(), size);
         Ok(value.assume_init())
     }
 }

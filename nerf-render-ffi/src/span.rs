@@ -31,7 +31,8 @@ impl Span {
     }
 
     /// Returns whether `self` and `other` share a byte.
-    fn meets(self, other: Self) -> bool {
+    #[inline]
+    pub fn meets(self, other: Self) -> bool {
         let shared = self.start.max(other.start)..(self.start + self.length).min(other.start + other.length);
         !shared.is_empty()
     }
@@ -55,7 +56,17 @@ impl Pieces {
 
     /// Returns an error if an element of `self` may overlap an element of `other`. Interleaved arrays of equal stride
     /// are accepted. `name`, `of`: as in [`Span::check_apart`].
+    #[inline]
     pub fn check_apart(self, name: &'static str, other: Self, of: &'static str) -> Result<(), Failure> {
+        // Most arrays lie apart as a whole.
+        if self.span.meets(other.span) && !self.interleaves(other) {
+            return Err(Failure::Overlap { name, other: of });
+        }
+        Ok(())
+    }
+
+    /// Returns whether the arrays have the same stride, and no element of one reaches into an element of the other.
+    fn interleaves(self, other: Self) -> bool {
         let behind = other.span.start.wrapping_sub(self.span.start);
         if self.stride == other.stride && self.stride > 0 {
             // Bytes, less than a stride, from an element's start in `self` to the next element's start in `other`.
@@ -64,11 +75,9 @@ impl Pieces {
             } else {
                 (self.stride - self.span.start.wrapping_sub(other.span.start) % self.stride) % self.stride
             };
-            if offset >= self.size && offset + other.size <= self.stride {
-                return Ok(());
-            }
+            return offset >= self.size && offset + other.size <= self.stride;
         }
-        self.span.check_apart(name, other.span, of)
+        false
     }
 }
 
@@ -152,6 +161,7 @@ impl PlaneBytes {
     }
 }
 
+/// Returns an error if the address or stride `found` is not a multiple of `expected`, a power of two.
 pub(crate) fn check_aligned(name: &'static str, found: usize, expected: usize) -> Result<(), Failure> {
-    if found.is_multiple_of(expected) { Ok(()) } else { Err(Failure::Alignment { name, expected, found }) }
+    if found & (expected - 1) == 0 { Ok(()) } else { Err(Failure::Alignment { name, expected, found }) }
 }

@@ -163,15 +163,23 @@ impl Canvas {
             (Channel::LimitZDepth, &target.limit_z_depth),
         ];
         let mut canvas = Self { surfaces: [None; 6], limit: None, origin: [0; 2] };
+        let mut written = [Span::EMPTY; 6];
         for (k, &(channel, plane)) in planes.iter().enumerate() {
-            let Some((checked, _)) = check(channel, plane, extent, read, worker)? else { continue };
+            let Some((checked, Pieces { span, .. })) = check(channel, plane, extent, read, worker)? else {
+                continue;
+            };
             match canvas.surfaces.get_mut(k) {
                 Some(_) => {
-                    let bytes = checked.bytes(extent);
-                    for other in canvas.surfaces.iter().flatten() {
-                        bytes.check_apart(channel.name(), &other.bytes(extent), other.channel.name())?;
+                    for (other, of_other) in canvas.surfaces.iter().zip(written) {
+                        // Most planes lie apart as a whole.
+                        if span.meets(of_other)
+                            && let Some(other) = other
+                        {
+                            let (bytes, of_other) = (checked.bytes(extent), other.bytes(extent));
+                            bytes.check_apart(channel.name(), &of_other, other.channel.name())?;
+                        }
                     }
-                    canvas.surfaces[k] = Some(checked);
+                    (canvas.surfaces[k], written[k]) = (Some(checked), span);
                 }
                 None if canvas.limit.is_some() => return Err(Failure::TwoLimits),
                 None => canvas.limit = Some(checked),
@@ -248,9 +256,8 @@ impl Surface {
     }
 }
 
-/// Checks a plane. Returns `None` if `plane.data` is NULL. Returns an error if the plane was not requested from the
-/// worker, or if format, strides or alignment do not suit the channel. Returns an error if the plane overlaps a scene,
-/// the worker or an input array. `read`: name and memory of each input array of rays or points; `None` for an image.
+/// Checks a plane as [`check_given`] does; `None` if `plane.data` is NULL.
+#[inline]
 fn check(
     channel: Channel,
     plane: &Plane,
@@ -258,11 +265,21 @@ fn check(
     read: Option<&[(&'static str, Pieces)]>,
     worker: &State,
 ) -> Result<Option<(Surface, Pieces)>, Failure> {
+    check_zeros(channel.name(), &[plane.reserved])?;
+    if plane.data.is_null() { Ok(None) } else { check_given(channel, plane, extent, read, worker).map(Some) }
+}
+
+/// Checks a plane whose `data` is not NULL. Returns an error if the plane was not requested from the worker, or if
+/// format, strides or alignment do not suit the channel. Returns an error if the plane overlaps a scene, the worker or an
+/// input array. `read`: name and memory of each input array of rays or points; `None` for an image.
+fn check_given(
+    channel: Channel,
+    plane: &Plane,
+    extent: Extent,
+    read: Option<&[(&'static str, Pieces)]>,
+    worker: &State,
+) -> Result<(Surface, Pieces), Failure> {
     let name = channel.name();
-    check_zeros(name, &[plane.reserved])?;
-    if plane.data.is_null() {
-        return Ok(None);
-    }
     if read.is_some() && matches!(channel, Channel::LimitRayDistance | Channel::LimitZDepth) {
         return Err(Failure::LimitOfRays(name));
     }
@@ -301,5 +318,5 @@ fn check(
     for (other, memory) in read.unwrap_or_default() {
         pieces.check_apart(name, *memory, other)?;
     }
-    Ok(Some((Surface { channel, format, data, pixel_stride, row_stride }, pieces)))
+    Ok((Surface { channel, format, data, pixel_stride, row_stride }, pieces))
 }
