@@ -131,7 +131,8 @@ impl Canvas {
         for (k, (channel, plane)) in
             [(Channel::Density, sigma), (Channel::PointColour, rgb)].into_iter().enumerate()
         {
-            if let Some((surface, pieces)) = check(channel, plane, (count, 1), Some(read), worker)? {
+            if plane.is_given(channel)? {
+                let (surface, pieces) = check(channel, plane, (count, 1), Some(read), worker)?;
                 (canvas.surfaces[k], written[k]) = (Some(surface), pieces);
             }
         }
@@ -165,12 +166,13 @@ impl Canvas {
         let mut canvas = Self { surfaces: [None; 6], limit: None, origin: [0; 2] };
         let mut written = [Span::EMPTY; 6];
         for (k, &(channel, plane)) in planes.iter().enumerate() {
-            let Some((checked, Pieces { span, .. })) = check(channel, plane, extent, read, worker)? else {
+            if !plane.is_given(channel)? {
                 continue;
-            };
+            }
+            let (checked, Pieces { span, .. }) = check(channel, plane, extent, read, worker)?;
             match canvas.surfaces.get_mut(k) {
                 Some(_) => {
-                    for (other, of_other) in canvas.surfaces.iter().zip(written) {
+                    for (other, of_other) in canvas.surfaces.iter().zip(written).take(k) {
                         // Most planes lie apart as a whole.
                         if span.meets(of_other)
                             && let Some(other) = other
@@ -233,6 +235,14 @@ impl Canvas {
     }
 }
 
+impl Plane {
+    /// Returns whether the plane is given: whether `data` is not NULL. Returns an error if `reserved` is not 0.
+    fn is_given(&self, channel: Channel) -> Result<bool, Failure> {
+        check_zeros(channel.name(), &[self.reserved])?;
+        Ok(!self.data.is_null())
+    }
+}
+
 impl Surface {
     /// Reads the limit of pixel (`x`, `y`) of the rectangle from this plane, which must be a plane of limits.
     #[inline]
@@ -256,23 +266,10 @@ impl Surface {
     }
 }
 
-/// Checks a plane as [`check_given`] does; `None` if `plane.data` is NULL.
-#[inline]
-fn check(
-    channel: Channel,
-    plane: &Plane,
-    extent: Extent,
-    read: Option<&[(&'static str, Pieces)]>,
-    worker: &State,
-) -> Result<Option<(Surface, Pieces)>, Failure> {
-    check_zeros(channel.name(), &[plane.reserved])?;
-    if plane.data.is_null() { Ok(None) } else { check_given(channel, plane, extent, read, worker).map(Some) }
-}
-
 /// Checks a plane whose `data` is not NULL. Returns an error if the plane was not requested from the worker, or if
 /// format, strides or alignment do not suit the channel. Returns an error if the plane overlaps a scene, the worker or an
 /// input array. `read`: name and memory of each input array of rays or points; `None` for an image.
-fn check_given(
+fn check(
     channel: Channel,
     plane: &Plane,
     extent: Extent,
