@@ -141,7 +141,8 @@ impl PlaneBytes {
             && offset.saturating_add(high.size) <= low.pixel_stride
     }
 
-    /// Returns whether a pixel of the plane overlaps the `length` bytes from address `at`; the plane must not be empty.
+    /// Returns whether any pixel of the plane overlaps the `length` bytes from address `at`. The plane must not be
+    /// empty.
     fn has_any(&self, at: usize, length: usize) -> bool {
         let (start, end) = (at.saturating_sub(self.first), (at + length).saturating_sub(self.first));
         // Index of the first element that ends after offset `place`. An element starts every `stride` bytes.

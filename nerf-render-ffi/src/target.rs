@@ -111,8 +111,9 @@ impl Canvas {
         other.map_or(Ok(()), |channel| Err(Failure::ScenePlane(channel.name())))
     }
 
-    /// Checks the planes for the results of `count` points; `rgb.data` may be NULL. `read`: for each input array of the
-    /// points, its name in messages and its memory.
+    /// Makes a canvas of the planes that receive the results of `count` points. Returns an error if a plane is invalid,
+    /// or overlaps the other plane or an input array. `rgb.data` may be NULL. `read`: name in error messages and memory
+    /// of each input array.
     ///
     /// # Safety
     /// The planes are NULL, or writable while the canvas is used.
@@ -244,7 +245,8 @@ impl Plane {
 }
 
 impl Surface {
-    /// Reads the limit of pixel (`x`, `y`) of the rectangle from this plane, which must be a plane of limits.
+    /// Reads from this plane the distance at which the ray of pixel (`x`, `y`) ends. The pixel is counted from the top
+    /// left pixel of the rendered rectangle. The plane must be `limit_ray_distance` or `limit_z_depth`.
     #[inline]
     pub fn limit(&self, x: u32, y: u32) -> Limit {
         // SAFETY: the pixel lies in the rectangle that `check` was given; `of_image` requires readable memory.
@@ -267,8 +269,8 @@ impl Surface {
 }
 
 /// Checks a plane whose `data` is not NULL. Returns an error if the plane was not requested from the worker, or if
-/// format, strides or alignment do not suit the channel. Returns an error if the plane overlaps a scene, the worker or an
-/// input array. `read`: name and memory of each input array of rays or points; `None` for an image.
+/// format, strides or alignment do not suit the channel. Returns an error if the plane overlaps a scene, the worker or
+/// an input array. `read`: name and memory of each input array of rays or points; `None` for an image.
 fn check(
     channel: Channel,
     plane: &Plane,

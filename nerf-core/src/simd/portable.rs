@@ -4,7 +4,7 @@
 
 use super::{Indices, Lanes};
 
-/// Returns `[f(0), …, f(15)]`. Not [`core::array::from_fn`], which is not always inlined: what is not inlined is not
+/// Returns `[f(0), …, f(15)]`. Replaces [`core::array::from_fn`], which is not always inlined: only inlined code is
 /// compiled for the instruction set of [`run_portable`](super::Isa::run_portable).
 #[inline(always)]
 fn from_fn<T: Copy + Default>(f: impl Fn(usize) -> T) -> [T; 16] {

@@ -190,7 +190,8 @@ impl CandidateBins {
         Self { found, first, per_bin, bins: step / bins.delta() }
     }
 
-    /// Returns the index of the first candidate bin at or after `bin`; the largest `u32` if there is none.
+    /// Returns the index of the first bin, at or after `bin`, that may have a sample in an occupied cell; the largest
+    /// `u32` if there is none.
     #[inline]
     pub fn next(&self, bin: u32) -> u32 {
         // The cast saturates. Rounding may put a bin just behind the last interval.
@@ -214,7 +215,8 @@ impl CandidateBins {
 
 /// Upper bound of 1 / length of a ray's direction. A direction is accepted if its squared length is within 1e-3 of 1.
 const LENGTH: f32 = 1.002;
-/// Number of equal intervals of a packet's path through [`Packets::around`]. Each interval is looked up at its middle.
+/// Number of equal intervals into which the path of a packet through the box [`Packets::around`] is divided. The coarse
+/// grid is looked up at the middle of each interval.
 const INTERVALS: u32 = 64;
 /// Largest accepted rounding error of a distance along the ray, in interval widths. If the error may be larger, all
 /// intervals are treated as possibly occupied.

@@ -2,8 +2,8 @@
 //!
 //! Usually a block holds at most one sample of each ray: the ray's transmittance is then known before its next sample
 //! is evaluated. If fewer than [`MAX_LANES`] rays are active, each ray puts several samples into the block. If one of
-//! these samples ends the ray, the ray's later samples are dropped and not counted: pixels and counters do not depend on
-//! the number of samples that a ray puts into a block.
+//! these samples ends the ray, the ray's later samples are dropped and not counted: pixels and counters do not depend
+//! on the number of samples that a ray puts into a block.
 
 use super::coarse::{CandidateBins, Intervals, Packets};
 use super::ray::{ActiveRays, MarchAll, ProposalSamples, RayState, windows};
@@ -209,10 +209,13 @@ impl<'f, 'w> Rays<'f, 'w> {
     /// Fills a block with at most `room` samples of the active rays and returns the number of samples. Passes each
     /// sample's column, ray index and position along the ray ([`ProposalSamples::take`]) to `put`.
     ///
-    /// Usually each ray contributes one sample. If fewer than [`MAX_LANES`] rays are active, each ray contributes several
-    /// samples, but not more than the smallest block has columns. Without a transmittance cut and without collisions, no sample can end a ray: each ray then
-    /// contributes all its remaining samples, up to the room in the block. `COLLIDE`: whether rays end at random
-    /// collisions.
+    /// Number of samples that each ray contributes:
+    /// - if no sample can end a ray, since there is neither a transmittance cut nor collisions: all its remaining
+    ///   samples, as far as there is room;
+    /// - else, if fewer than [`MAX_LANES`] rays are active: several samples, at most [`Field::columns`] of 1;
+    /// - else one sample.
+    ///
+    /// `COLLIDE`: whether rays end at random collisions.
     pub fn take<const COLLIDE: bool>(&mut self, room: usize, mut put: impl FnMut(usize, u32, f32)) -> usize {
         let (field, plan) = (self.field, self.field.plan);
         let burst = match field.columns(1) {

@@ -138,7 +138,8 @@ impl<'a> Columns<'a> {
         ray.next += 1;
     }
 
-    /// Puts the next active ray with its first sample into column `at`; returns `false` if no ray is active.
+    /// Takes the next ray from the queue of active rays and puts it, with its next sample, into column `at`. Returns
+    /// `false` if the queue is empty.
     fn enter(&mut self, rays: &mut Rays<'_, '_>, at: usize) -> bool {
         let Some(owner) = rays.active.pop() else { return false };
         let Some(ray) = rays.states.get_mut(owner as usize) else { return false };
