@@ -124,24 +124,19 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of [`Network::columns`]. Any stride is valid in builds without
+    /// Whether [`Scratch::stride`] must be a multiple of [`Network::padded`] of 1. Any stride is valid in builds without
     /// vector instructions, and for portable instructions with [`Weights::InPlace`].
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
 
-    /// Number that must divide [`Scratch::stride`] if [`Network::whole_blocks`] is true.
-    pub fn columns(&self) -> usize {
-        if let Weights::Paired(_) = self.weights() { MAX_LANES } else { self.isa.columns() }
-    }
-
-    /// Returns the number of columns, a multiple of [`Network::columns`], with which a block of `n` samples takes the
-    /// least time; at least `n`.
-    pub(crate) fn padded(&self, n: usize) -> usize {
-        if let Weights::Paired(_) = self.weights() {
-            n.next_multiple_of(MAX_LANES)
-        } else {
-            self.isa.padded(n)
+    /// Returns the [`Scratch::stride`] with which a block of `n` samples takes the least time: `n` if any stride is valid,
+    /// else a multiple of 8 or 16 that is at least `n`.
+    pub fn padded(&self, n: usize) -> usize {
+        match self.weights() {
+            _ if !self.whole_blocks() => n,
+            Weights::Paired(_) => n.next_multiple_of(MAX_LANES),
+            _ => self.isa.padded(n),
         }
     }
 
@@ -221,7 +216,7 @@ impl<'a> Network<'a> {
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], or if [`Network::whole_blocks`] is true and the
-    /// stride is no multiple of [`Network::columns`]. With [`Weights::InPlace`], a slice that is too short causes a
+    /// stride is no multiple of [`Network::padded`] of 1. With [`Weights::InPlace`], a slice that is too short causes a
     /// panic only with debug assertions. `direction`, `density` and `colour` panic under the same conditions.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});

@@ -21,9 +21,9 @@ impl Field<'_> {
     }
 
     /// Returns the number of columns of the activation matrices for a block of `n` samples. Most kernels need a
-    /// multiple of [`Network::columns`]: `n` is then rounded up, and the added columns are padding.
+    /// multiple of 8 or 16: `n` is then rounded up ([`Network::padded`]), and the added columns are padding.
     pub fn columns(&self, n: usize) -> usize {
-        if self.network.whole_blocks() { self.network.padded(n) } else { n }
+        self.network.padded(n)
     }
 
     /// Whether colour is requested and the colour branch is evaluated once per ray (deferred shading).
