@@ -112,15 +112,13 @@ impl Product<'_> {
     /// Computes `ROWS` rows of C from `row` on, tile by tile.
     #[inline(always)]
     fn panel<V: Lanes, const ROWS: usize>(&mut self, row: usize) {
-        // One row leaves registers for four columns, and four sums at once hide the latency of an addition.
-        let most = if ROWS == 1 { 4 } else { V::TILE_COLS };
         let mut col = 0;
         while col < self.g.n {
             let left = (self.g.n - col) / V::COUNT;
-            if most >= 4 && left >= 4 {
+            if V::TILE_COLS >= 4 && left >= 4 {
                 self.tile::<V, ROWS, 4>(row, col);
                 col += 4 * V::COUNT;
-            } else if most >= 2 && left >= 2 {
+            } else if V::TILE_COLS >= 2 && left >= 2 {
                 self.tile::<V, ROWS, 2>(row, col);
                 col += 2 * V::COUNT;
             } else {

@@ -124,14 +124,14 @@ impl<'a> Network<'a> {
         }
     }
 
-    /// Whether [`Scratch::stride`] must be a multiple of [`Network::padded`] of 1. Any stride is valid in builds without
-    /// vector instructions, and for portable instructions with [`Weights::InPlace`].
+    /// Whether [`Scratch::stride`] must be a multiple of `padded(1)` ([`Network::padded`]). Any stride is valid in builds
+    /// without vector instructions, and for portable instructions with [`Weights::InPlace`].
     pub fn whole_blocks(&self) -> bool {
         VECTORS && (self.isa != Isa::Portable || !matches!(self.weights, Weights::InPlace(_)))
     }
 
-    /// Returns the [`Scratch::stride`] with which a block of `n` samples takes the least time: `n` if any stride is valid,
-    /// else a multiple of 8 or 16 that is at least `n`.
+    /// Returns the [`Scratch::stride`] with which a block of `n` samples takes the least time: `n` if any stride is
+    /// valid, else a multiple of 8 or 16 that is at least `n`.
     pub fn padded(&self, n: usize) -> usize {
         match self.weights() {
             _ if !self.whole_blocks() => n,
@@ -175,7 +175,7 @@ impl<'a> Network<'a> {
     }
 
     /// Multiply-adds of one colour evaluation, without those of [`Network::direction`].
-    pub(crate) fn colour_macs(&self) -> usize {
+    pub(crate) fn colour_macs_without_direction(&self) -> usize {
         colour_macs(&self.layers) - self.direction_macs()
     }
 
@@ -216,7 +216,7 @@ impl<'a> Network<'a> {
     ///
     /// # Panics
     /// If a slice is shorter than its rows times [`Scratch::stride`], or if [`Network::whole_blocks`] is true and the
-    /// stride is no multiple of [`Network::padded`] of 1. With [`Weights::InPlace`], a slice that is too short causes a
+    /// stride is no multiple of `padded(1)`. With [`Weights::InPlace`], a slice that is too short causes a
     /// panic only with debug assertions. `direction`, `density` and `colour` panic under the same conditions.
     pub fn trunk(&self, math: MathBackend, scratch: &mut Scratch<'_>, positions: &[f32]) {
         self.trunk_with(math, scratch, positions, |_, _| {});

@@ -47,7 +47,7 @@ impl Counters {
     /// Counts `n` evaluations of the colour branch, without the multiply-adds that depend on the direction alone.
     pub(super) fn add_colour(&mut self, network: &Network<'_>, n: usize) {
         self.colour_evaluations += n as u64;
-        self.macs += (n * network.colour_macs()) as u64;
+        self.macs += (n * network.colour_macs_without_direction()) as u64;
     }
 
     /// Returns `colour`, or black if a channel of `colour` is NaN. A NaN colour is counted as invalid.

@@ -146,7 +146,7 @@ impl Explanation<'_> {
             }
             "transmittance cut" => write!(f, ", a ray ends below {}", plan.transmittance_cut),
             "colour" => {
-                let macs = network.colour_macs();
+                let macs = network.colour_macs_without_direction();
                 match a.shading {
                     Shading::PerSample => write!(f, ", {macs} multiply-adds an evaluation"),
                     Shading::PerRay => {
@@ -266,7 +266,7 @@ impl Shares {
     /// Splits `counters.macs` by stage; `proposal_macs`: multiply-adds of one evaluation of the proposal network.
     pub(super) fn new(counters: &Counters, network: &Network<'_>, proposal_macs: u64) -> Self {
         let a = network.architecture();
-        let per_colour = network.colour_macs() as u64;
+        let per_colour = network.colour_macs_without_direction() as u64;
         let proposal = counters.proposal_evaluations.saturating_mul(proposal_macs);
         let density = counters.density_evaluations.saturating_mul(a.density_macs() as u64);
         let colour = counters.colour_evaluations.saturating_mul(per_colour);

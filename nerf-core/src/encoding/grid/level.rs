@@ -46,8 +46,7 @@ impl GridLevel {
 
 /// Number of entries of a level with `resolution` cells along x, y, z, and whether the level is hashed.
 pub(super) fn entries(resolution: [u16; 3], log2_entries: u8) -> (u64, bool) {
-    let [nx, ny, nz] = resolution.map(u64::from);
-    let vertices = (nx + 1) * (ny + 1) * (nz + 1);
+    let vertices: u64 = resolution.iter().map(|&cells| u64::from(cells) + 1).product();
     let most = 1 << log2_entries.min(MAX_LOG2_ENTRIES);
     // A row of vertices may begin at the last hashed entry, and then extends beyond that entry.
     if vertices > most { (most + u64::from(resolution[0]), true) } else { (vertices, false) }

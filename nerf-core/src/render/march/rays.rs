@@ -173,7 +173,7 @@ impl<'f, 'w> Rays<'f, 'w> {
         let around = if plan.occupancy.is_some() { self.occupied } else { Some(plan.bounds) };
         // Cells outside of `around` are empty. Most rays of most images miss `around` and have no span.
         let span = around.and_then(|around| Span::new(plan, &around, &ray, range));
-        // No packet test, which takes a single ray longer than the windows that it saves.
+        // No packet test: for a single ray the test takes longer than the lookups that it saves.
         begin::<COLLIDE>(plan, pixel, (ray, range, span), &Intervals::ALL, source, state);
         let (drawn, meets_box) = (self.samples.is_on(), state.next < state.end);
         // A proposal is evaluated in the middle of its bins.
@@ -212,7 +212,8 @@ impl<'f, 'w> Rays<'f, 'w> {
     /// Number of samples that each ray contributes:
     /// - if no sample can end a ray, since there is neither a transmittance cut nor collisions: all its remaining
     ///   samples, as far as there is room;
-    /// - else, if fewer than [`MAX_LANES`] rays are active: several samples, at most [`Field::columns`] of 1;
+    /// - else, if fewer than [`MAX_LANES`] rays are active: several samples, at most as many as the smallest block has
+    ///   columns ([`Field::columns`]);
     /// - else one sample.
     ///
     /// `COLLIDE`: whether rays end at random collisions.
