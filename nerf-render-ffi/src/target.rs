@@ -173,9 +173,9 @@ impl Canvas {
             let (checked, Pieces { span, .. }) = check(channel, plane, extent, read, worker)?;
             match canvas.surfaces.get_mut(k) {
                 Some(_) => {
-                    for (other, of_other) in canvas.surfaces.iter().zip(written).take(k) {
+                    for (other, of_other) in canvas.surfaces.iter().zip(&written).take(k) {
                         // Most planes lie apart as a whole.
-                        if span.meets(of_other)
+                        if span.meets(*of_other)
                             && let Some(other) = other
                         {
                             let (bytes, of_other) = (checked.bytes(extent), other.bytes(extent));

@@ -185,7 +185,6 @@ struct Checked {
     request: Request,
     settings: Settings,
     outputs: Outputs,
-    placed: bool,
 }
 
 /// Sizes of the parts of a worker's memory. In lines of 64 bytes: the [`Worker`] itself (`own`), a tile's pixels
@@ -223,11 +222,16 @@ impl Checked {
             settings.frame.quality.proposal = false;
         }
         let outputs = read_outputs("request.outputs", request.outputs)?;
-        Ok(Self { request, settings, outputs, placed })
+        Ok(Self { request, settings, outputs })
+    }
+
+    /// Returns whether the request has instances, rather than a single scene.
+    fn placed(&self) -> bool {
+        cfg!(feature = "instances") && !self.request.instances.is_null()
     }
 
     fn count(&self) -> usize {
-        self.request.instance_count.max(1)
+        if self.placed() { self.request.instance_count } else { 1 }
     }
 
     /// Returns the scene of instance `_index`; the request's only scene if the request has no instances.
@@ -236,7 +240,7 @@ impl Checked {
     /// `_index` is below [`Checked::count`]. The request is as in [`Checked::read`]; its scenes are valid during `'a`.
     unsafe fn scene<'a>(&self, _index: usize) -> Result<&'a Scene, Failure> {
         #[cfg(feature = "instances")]
-        if self.placed {
+        if self.placed() {
             // SAFETY: `_index` is below the number of instances, which are valid (`# Safety`).
             let scene = unsafe {
                 Instance::read(self.request.instances, _index).and_then(|instance| Scene::of(instance.scene))
@@ -252,7 +256,7 @@ impl Checked {
     /// `index` is below [`Checked::count`]. The request is valid as in [`Checked::read`].
     #[cfg(feature = "instances")]
     unsafe fn placement(&self, index: usize) -> Result<Placement, Failure> {
-        if !self.placed {
+        if !self.placed() {
             return Ok(Placement::IDENTITY);
         }
         // SAFETY: `index` is below the number of instances; they are valid, as this function's `# Safety` requires.
@@ -262,7 +266,7 @@ impl Checked {
     /// Converts `failure` to a failure of instance `_index`; leaves it unchanged if the request has no instances.
     fn of_scene(&self, _index: usize, failure: Failure) -> Failure {
         #[cfg(feature = "instances")]
-        if self.placed {
+        if self.placed() {
             return failure.of_instance(_index);
         }
         failure
@@ -272,7 +276,7 @@ impl Checked {
     /// `scale`: world units per unit of length in the scene.
     fn plan(&self, index: usize, scene: &Scene, scale: f32) -> Result<Option<Plan<'static>>, Failure> {
         let blob = scene.renderer().blob();
-        if blob.picture().is_some() && !self.placed {
+        if blob.picture().is_some() && !self.placed() {
             return Ok(None);
         }
         let plan = self.settings.plan(blob, self.outputs, scale);
@@ -288,7 +292,7 @@ impl Checked {
         let batch = self.settings.batch;
         let rest = match self.plan(index, last, 1.0)? {
             #[cfg(feature = "instances")]
-            Some(plan) if self.placed => {
+            Some(plan) if self.placed() => {
                 // Makes the plan of each instance, so that a request fails here if opening the worker would fail.
                 for index in 0..self.count() {
                     // SAFETY: the arguments are valid, as this function's `# Safety` requires.
@@ -309,7 +313,8 @@ impl Checked {
             (lines_for::<Worker>(1), TilePixels::lines((width * height) as usize, self.outputs));
         let members = lines_for::<Member>(self.count());
         #[cfg(feature = "instances")]
-        let members = members + if self.placed { lines_for::<render::Instance<'_>>(self.count()) } else { 0 };
+        let members =
+            members + if self.placed() { lines_for::<render::Instance<'_>>(self.count()) } else { 0 };
         let lines = (own + members + pixels).checked_add(rest);
         let bytes = lines.and_then(|lines| lines.checked_mul(size_of::<Line>()));
         Ok(Shares { own, pixels, rest, bytes: bytes.ok_or(Failure::Overflow("memory"))? })
@@ -467,7 +472,7 @@ unsafe fn open_in(
     #[cfg(feature = "instances")]
     // SAFETY: `shares` counted these lines, too; there is one member per instance.
     let instances = unsafe {
-        lent.values(if checked.placed { members.len() } else { 0 }, |index| {
+        lent.values(if checked.placed() { members.len() } else { 0 }, |index| {
             let Member { scene, plan } = &members[index];
             let plan = plan.as_ref().ok_or(PlanError::NotAScene)?;
             let placement = checked.placement(index)?;
@@ -480,7 +485,7 @@ unsafe fn open_in(
     let pixels = TilePixels::lay_out(&mut Arena::new(pixels), (width * height) as usize, checked.outputs);
     let work = match members {
         #[cfg(feature = "instances")]
-        _ if checked.placed => Work::Fields(render::Worker::of_instances(instances, lines)?),
+        _ if checked.placed() => Work::Fields(render::Worker::of_instances(instances, lines)?),
         [Member { scene, plan: Some(plan) }] => Work::Fields(scene.renderer().worker(plan, lines)?),
         _ => Work::Picture(lines),
     };
