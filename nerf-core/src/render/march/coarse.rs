@@ -178,6 +178,7 @@ impl CandidateBins {
 
     /// Finds the bins among `bins` that overlap intervals in which occupied cells may lie. `start`: distance along the
     /// ray, world units, of the point from which the distances of `bins` are counted.
+    #[inline]
     pub fn new(intervals: &Intervals, bins: &Bins, start: f32) -> Self {
         let Intervals { found, near, step } = *intervals;
         let per_bin = bins.delta() / step;
@@ -204,6 +205,7 @@ impl CandidateBins {
     }
 
     /// Returns an upper bound, exclusive, of the indices of candidate bins; the largest `u32` if no bound is known.
+    #[inline]
     pub fn end(&self) -> u32 {
         let intervals = 64 - self.found.leading_zeros();
         if self.per_bin == 0.0 || intervals == INTERVALS {

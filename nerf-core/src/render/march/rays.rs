@@ -244,6 +244,7 @@ impl<'f, 'w> Rays<'f, 'w> {
 
 /// Sets `state` to the start of a pixel's ray. `intervals`: intervals along the ray in which occupied cells may lie.
 /// `COLLIDE`: whether the ray ends where its optical thickness reaches [`RaySource::until`] of `source`.
+#[inline(always)]
 fn begin<const COLLIDE: bool>(
     plan: &Plan<'_>,
     pixel: (u32, u32),
