@@ -53,7 +53,7 @@ pub(crate) fn add_samples<M: Math, V: Lanes>(
 /// the sums, the next row their rounding errors. Returns the sums.
 #[inline(always)]
 fn add<V: Lanes>((rows, from): (&mut Rows, usize), first: usize, x: V, counts: V::Mask) -> V {
-    let [value, lost] = [first, first + 1].map(|row| V::load(&rows[row][from..]));
+    let (value, lost) = (V::load(&rows[first][from..]), V::load(&rows[first + 1][from..]));
     let corrected = x.sub(lost);
     let more = value.add(corrected);
     let sum = V::select(counts, more, value);

@@ -280,8 +280,8 @@ impl<M: Math> Op for Absorb<'_, '_, M> {
     fn run<V: Lanes>(self) {
         let Columns { plan, intervals, gathered, sums, .. } = self.columns;
         for from in (0..self.stride.min(BLOCK)).step_by(V::COUNT) {
-            let [t, delta] = intervals.each_ref().map(|row| V::load(&row[from..]));
-            let sample = [V::load(tail(self.sigma, from)), t, delta];
+            let [t, delta] = &**intervals;
+            let sample = [V::load(tail(self.sigma, from)), V::load(&t[from..]), V::load(&delta[from..])];
             let weight = add_samples::<M, V>(gathered, from, sample, plan.colour_cut);
             let (zero, mut h) = (V::splat(0.0), self.h.chunks_exact(self.stride));
             let takes = zero.less(weight);
