@@ -342,10 +342,7 @@ impl<'f> Worker<'f> {
             // after 2^31 rays, so that none overflows.
             let x = (first % (1 << 31)) as u32;
             let before = first - x as usize;
-            let mut put = |x: u32, _: u32, pixel: &Pixel| match axis {
-                Some(_) => target(before + x as usize, pixel),
-                None => target(before + x as usize, &Pixel { z_depth: 0.0, ..*pixel }),
-            };
+            let mut put = |x: u32, _: u32, pixel: &Pixel| target(before + x as usize, pixel);
             // Lossless cast: a plan's batch has at most `Batch::MAX_RAYS` rays.
             self.pixels.tile = Rect { x, y: 0, width: capacity.min(range.end - first) as u32, height: 1 };
             (self.pixels.forward, self.pixels.turn) = (axis.map_or(Vec3::ZERO, |axis| placed.dir(axis)), 0);

@@ -20,6 +20,15 @@ impl Placed {
         self.0.map_or(ray, |placement| placement.ray_in_field(&ray))
     }
 
+    /// Transforms rays from the world's coordinates to the field's, as [`Placed::ray`] does for one ray.
+    pub fn rays(&self, rays: &mut [Ray]) {
+        if let Some(placement) = &self.0 {
+            for ray in rays {
+                *ray = placement.ray_in_field(ray);
+            }
+        }
+    }
+
     /// Transforms a direction from the world's coordinates to the field's.
     pub fn dir(&self, dir: Vec3) -> Vec3 {
         self.0.map_or(dir, |placement| placement.dir_in_field(dir))

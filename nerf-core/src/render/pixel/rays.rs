@@ -107,6 +107,13 @@ impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySou
         self.placed.ray((self.ray)(self.before + x as usize).ray)
     }
 
+    fn rays(&self, _: Isa, part: Rect, to: &mut [Ray]) {
+        for (to, (x, _)) in to.iter_mut().zip(part.pixels()) {
+            *to = (self.ray)(self.before + x as usize).ray;
+        }
+        self.placed.rays(to);
+    }
+
     #[inline]
     fn range(&self, x: u32, _: u32, _: &Ray) -> [f32; 2] {
         let RaySegment { t_min, t_max, .. } = (self.ray)(self.before + x as usize);
