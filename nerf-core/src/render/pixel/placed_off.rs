@@ -17,6 +17,8 @@ impl Placed {
         ray
     }
 
+    pub fn rays(&self, _: &mut [Ray]) {}
+
     pub fn dir(&self, dir: Vec3) -> Vec3 {
         dir
     }
