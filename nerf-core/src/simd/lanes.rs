@@ -257,7 +257,9 @@ impl Lanes for f32 {
         fn select(mask: bool, a: Self, b: Self) -> Self = if mask { a } else { b };
         fn to_indices(self) -> u32 = self as u32;
     }
-    #[inline(always)]
+    // Ten inlined copies would take 0.7 KiB of a microcontroller's flash.
+    #[cfg_attr(not(target_os = "none"), inline(always))]
+    #[cfg_attr(target_os = "none", inline(never))]
     fn round_even(self) -> Self {
         // At 2^23 and above, f32 has no fraction bits, so that adding 2^23 to a smaller number rounds to an integer.
         const MAGIC: f32 = 8_388_608.0;
