@@ -160,7 +160,7 @@ enum nerf_status
      */
     NERF_STATUS_PANIC = 17,
     /**
-     * The scene file contains a scene, not a 2D field: `nerf_render` renders scenes.
+     * The call needs a 2D field, but the scene file contains a 3D scene, which `nerf_render` renders.
      */
     NERF_STATUS_NOT_A_PICTURE = 18,
     /**

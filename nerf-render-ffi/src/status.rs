@@ -43,7 +43,7 @@ pub enum Status {
     Cancelled = 16,
     /// The library panicked, which is a defect; the scene is unharmed, the worker cannot be used any more.
     Panic = 17,
-    /// The scene file contains a scene, not a 2D field: `nerf_render` renders scenes.
+    /// The call needs a 2D field, but the scene file contains a 3D scene, which `nerf_render` renders.
     NotAPicture = 18,
     /// The scene has no Pareto front (PSNR against multiply-adds) with a point that this call can choose or measure.
     /// `nerf-train study` measures a front.

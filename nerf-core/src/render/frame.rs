@@ -13,7 +13,7 @@ use crate::memory::{Layout, head, put};
 use crate::space::SceneBox;
 use glam::Vec3;
 
-/// Stages that render the frames of one field, with the buffers of each stage.
+/// Rendering stages of one field, with their buffers, which all frames reuse.
 pub(super) struct Frame<'f, 'w> {
     proposer: &'f Proposer<'f>,
     tile: TileState<'f, 'w>,

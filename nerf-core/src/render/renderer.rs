@@ -120,8 +120,8 @@ impl<'a> Renderer<'a> {
     /// Returns a worker for any number of frames of `plan`. Each thread needs a worker of its own.
     ///
     /// # Errors
-    /// [`RenderError::OtherScene`] if the plan was made for another blob, and [`RenderError::Memory`] if `workspace`
-    /// has fewer lines than [`Renderer::workspace_lines`] returns.
+    /// [`RenderError::OtherScene`] if the plan was made for another scene file. [`RenderError::Memory`] if `workspace` has
+    /// fewer 64-byte lines than [`Renderer::workspace_lines`] returns.
     pub fn worker<'f>(
         &'f self,
         plan: &'f Plan<'f>,

@@ -93,7 +93,8 @@ impl<'w> Deferred<'w> {
         }
     }
 
-    /// Buffers for the colour branch, evaluated once per ray, and the sums of field `member` on the first `count` rays.
+    /// Buffers of the colour branch, and the weighted sums of hidden features of field `member` for the first `count`
+    /// rays.
     pub fn sums_of(&mut self, member: usize, count: usize) -> (&mut RayNetworks<'w>, &[f32]) {
         let sums = self.sums.get(self.sums(member, 0, count)).unwrap_or_default();
         (&mut self.networks, sums)

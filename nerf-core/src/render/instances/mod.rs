@@ -17,9 +17,9 @@ use crate::space::Placement;
 pub struct Instance<'a> {
     /// Renderer made from the field's blob.
     pub renderer: &'a Renderer<'a>,
-    /// The field's plan, with distances in the field's units. All instances must have the same outputs, effects and
-    /// batch. The last instance's plan sets the background and the transmittance below which a ray ends. The colour cut
-    /// ([`Quality`](crate::plan::Quality)) of each field is read from the field's own plan.
+    /// The field's plan, with distances in the field's units. The plans of all instances must have the same outputs,
+    /// effects and batch. The last instance's plan sets the background and the transmittance below which a ray ends.
+    /// Each field's own plan sets its colour cut ([`Quality::colour_cut`](crate::plan::Quality::colour_cut)).
     pub plan: &'a Plan<'a>,
     /// Rotation, uniform scale and translation of the field in the world.
     pub placement: Placement,

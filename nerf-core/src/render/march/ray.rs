@@ -275,8 +275,8 @@ impl<'w> ProposalSamples<'w> {
         self.0.iter_mut().for_each(|rows| put(rows.index, column, bin));
     }
 
-    /// Stores the compositing weight of the proposal bin in column `column` of the block, in the row of `ray`. The
-    /// first `drawn` values of a row are reserved for the drawn samples; the weights of the bins follow.
+    /// Stores `weight`, the compositing weight of the proposal bin that was evaluated in column `column` of the block. The
+    /// row of `ray` holds `drawn` distances of samples, then the weights of all proposal bins.
     pub fn put_weight(&mut self, ray: u32, column: usize, drawn: usize, weight: f32) {
         for Rows { t, row, index } in &mut self.0 {
             put(t, ray as usize * *row + drawn + at(index, column) as usize, weight);

@@ -38,7 +38,7 @@ pub(super) struct LookUp<'a> {
     pub contraction: Option<&'a Contraction>,
     pub ray: &'a Ray,
     pub bins: &'a Bins,
-    /// The bins to look up. All other bins are treated as empty.
+    /// The bins to look up in the occupancy grid. All other bins are treated as empty.
     pub candidates: &'a CandidateBins,
     /// Whether all cells at the faces of the scene box are known to be empty. The lookup of a bin outside the box reads
     /// one of these cells. If `inner` is `true`, the bin is therefore found empty. If `inner` is `false`, a bin that is

@@ -29,7 +29,7 @@ fn in_middles(plan: &Plan<'_>) -> bool {
     plan.contraction.is_none() && plan.effects.jitter.is_none()
 }
 
-/// One value for the ray of each column.
+/// One value for each column of a block. A column holds one ray.
 type Row = [f32; BLOCK];
 
 /// Memory for the rows of [`Columns`], `[rows][BLOCK]`; empty in frames that do not march one ray per column.

@@ -82,7 +82,7 @@ impl<'w> Deferred<'w> {
 
 /// Buffers for evaluating the colour branch once per ray, a block of rays at a time.
 pub(in crate::render) struct RayNetworks<'w> {
-    /// Index of each column's ray, `[samples]`.
+    /// Index of the ray in each column of a block, `[samples]`.
     owner: &'w mut [u32],
     /// Direction of each column's ray, `[3][samples]`.
     dirs: &'w mut [f32],
