@@ -8,6 +8,7 @@ use nerf_testing::tools::there_is;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
 
 /// Effects, each with its feature, functions that only this feature compiles, and files of `nerf-core/src` that
 /// implement it.
@@ -55,7 +56,13 @@ fn builds(features: &[String], scene: &Path) -> Vec<Build> {
 
 fn build(folder: &str, features: &str, scene: &Path) -> Build {
     let example = ["-p", "nerf-core", "--example", "checksum", "--features", features];
-    let files = if features.is_empty() { without_effects() } else { build_alone(folder, &example) };
+    let own;
+    let files = if features.is_empty() {
+        without_effects()
+    } else {
+        own = build_alone(folder, &example);
+        &own
+    };
     let program = files.iter().find(|file| file.ends_with("checksum")).expect("the example");
     let output = run(Command::new(program).arg(scene)).stdout;
     let line = |line: &str| {
@@ -70,10 +77,14 @@ fn build(folder: &str, features: &str, scene: &Path) -> Build {
     Build { lines, text: text.expect("the size of the text"), code: code(program), symbols }
 }
 
-/// Builds the program and the C library without effects, in one build of the core. Returns the files of both.
-fn without_effects() -> Vec<PathBuf> {
-    let packages = ["-p", "nerf-core", "--example", "checksum", "-p", "nerf-render-ffi", "--lib"];
-    build_alone("a", &[&packages[..], &["--features", "nerf-render-ffi/std"]].concat())
+/// Builds the program and the C library without effects, in one build of the core. Returns the files of both. Built
+/// once: a second build, of the other test, would replace a program with effects while it is measured.
+fn without_effects() -> &'static [PathBuf] {
+    static FILES: OnceLock<Vec<PathBuf>> = OnceLock::new();
+    FILES.get_or_init(|| {
+        let packages = ["-p", "nerf-core", "--example", "checksum", "-p", "nerf-render-ffi", "--lib"];
+        build_alone("a", &[&packages[..], &["--features", "nerf-render-ffi/std"]].concat())
+    })
 }
 
 /// Returns the size of the machine code from each file of `nerf-core/src`, bytes, computed from the line table in the
