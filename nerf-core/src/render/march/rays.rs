@@ -244,6 +244,7 @@ impl<'f, 'w> Rays<'f, 'w> {
 
 /// Sets `state` to the start of a pixel's ray. `intervals`: intervals along the ray in which occupied cells may lie.
 /// `COLLIDE`: whether the ray ends where its optical thickness reaches [`RaySource::until`] of `source`.
+// Inlined, so that span and candidate bins are not copied through memory: a view takes 6 % less time.
 #[inline(always)]
 fn begin<const COLLIDE: bool>(
     plan: &Plan<'_>,

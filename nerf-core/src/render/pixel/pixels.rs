@@ -86,6 +86,7 @@ impl<'f, 'w> Pixels<'f, 'w> {
         seen.rgb = tone::to_light(&effects.tone, math, seen.rgb);
         let index = (y - tile.y) as usize * tile.width as usize + (x - tile.x) as usize;
         if self.sums.add(effects, index, self.turn, &mut seen, far) {
+            // Without an axis there is no z_depth, not even of a miss.
             if self.forward == Vec3::ZERO {
                 seen.z_depth = 0.0;
             }

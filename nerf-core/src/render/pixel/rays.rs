@@ -108,6 +108,7 @@ impl<R: Fn(usize) -> RaySegment, U: Fn(usize) -> f32, F: Fn(Vec3) -> f32> RaySou
     }
 
     fn rays(&self, _: Isa, part: Rect, to: &mut [Ray]) {
+        // Transformed in place: the copies of `one_by_one` take 3 % of a batch's time.
         for (to, (x, _)) in to.iter_mut().zip(part.pixels()) {
             *to = (self.ray)(self.before + x as usize).ray;
         }
